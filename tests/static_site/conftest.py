@@ -22,6 +22,13 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.fixture(scope="session")
+def version(site: Path) -> Path:
+    """The folder of everything but the page itself."""
+    [version] = (path.parent for path in site.glob("*/train"))
+    return version
+
+
 @pytest.fixture(scope="module")
 def host(site: Path) -> Iterator[Host]:
     with hosting(site) as host:
@@ -35,10 +42,10 @@ def browser() -> Iterator[Browser]:
 
 
 @pytest.fixture(scope="module")
-def modules(browser: Browser, host: Host) -> Iterator[Page]:
+def modules(browser: Browser, host: Host, version: Path) -> Iterator[Page]:
     """A page of the same origin that starts nothing by itself."""
     page = browser.new_page()
-    page.goto(host.address + "train/settings.json")
+    page.goto(f"{host.address}{version.name}/train/settings.json")
     yield page
     page.close()
 

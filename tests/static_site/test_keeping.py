@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -10,7 +11,9 @@ from typing import Any
 import pytest
 from playwright.sync_api import Browser, Route, expect
 
-from static_site.hosting import Host
+from pocketgs.site.write import write_site
+from static_site.hosting import Host, hosting
+from static_site.versions import another_page
 from viewer.browsing import PATIENCE, visiting
 from zip_files import zip_of
 
@@ -81,10 +84,10 @@ def test_a_run_takes_the_place_of_the_one_before(call: Call) -> None:
     assert left == 0
 
 
-BEGIN = """async () => {
-    const { KeptRun } = await import(new URL("train/storage/kept_run.js", document.baseURI));
+BEGIN = """async (version) => {
+    const { KeptRun } = await import(new URL("storage/kept_run.js", document.querySelector("script").src));
     const root = await navigator.storage.getDirectory();
-    const kept = new KeptRun(await root.getDirectoryHandle("run", { create: true }), "an older site");
+    const kept = new KeptRun(await root.getDirectoryHandle("run", { create: true }), version);
     await kept.begin("toys", { train: [], heldOut: [], background: [0, 0, 0] }, { iterations: 9 });
     const header = { losses: [1, 1], count: 3, coefficients: 1 };
     await kept.keep({ header, arrays: [new Float32Array(9), new Float32Array(9)] });
@@ -96,7 +99,7 @@ def test_a_run_of_an_older_site_shows_once_the_other_tab_is_closed(browser: Brow
         first = context.new_page()
         first.goto(host.address)
         first.locator("#start").wait_for(timeout=PATIENCE)
-        first.evaluate(BEGIN)
+        first.evaluate(BEGIN, "an older site")
         second = context.new_page()
         second.goto(host.address)
         expect(second.locator("#message-text")).to_contain_text("Another tab of this page", timeout=PATIENCE)
@@ -111,6 +114,29 @@ def test_a_run_of_an_older_site_shows_once_the_other_tab_is_closed(browser: Brow
         with second.expect_download(timeout=PATIENCE) as saved:
             second.locator("#save-ply").click(timeout=PATIENCE)
         assert b"element vertex 3\n" in Path(saved.value.path()).read_bytes()[:200]
+
+
+def test_a_site_that_is_written_anew(browser: Browser, tmp_path: Path) -> None:
+    """A reload gives all of it, though the host lets browsers keep files, and the run from before cannot go on."""
+    folder = tmp_path / "site"
+    with another_page(tmp_path) as copy:
+        (copy / "main.js").write_text("document.body.dataset.script = 'old';\n" + (copy / "main.js").read_text())
+        write_site(folder)
+    [train] = folder.glob("*/train")
+    for path in folder.rglob("*"):
+        os.utime(path, (0, 0))  # browsers take a file for fresh for a tenth of its age
+    with hosting(folder) as host, browser.new_context() as context:
+        page = context.new_page()
+        page.goto(host.address)
+        page.locator("#start").wait_for(timeout=PATIENCE)
+        page.evaluate(BEGIN, train.parent.name)
+        page.reload()
+        expect(page.locator("#go-on")).to_have_text("Go on with toys, 2 of 9", timeout=PATIENCE)
+        expect(page.locator("body")).to_have_attribute("data-script", "old")
+        write_site(folder)
+        page.reload()
+        expect(page.locator("#go-on")).to_have_text("Open toys, 2 of 9", timeout=PATIENCE)
+        expect(page.locator("body")).not_to_have_attribute("data-script", "old")
 
 
 LOSE_EARLY = """

@@ -195,8 +195,9 @@ def _move(source: Path, target: Path) -> None:
 
 
 def _remove_empty_folders(folder: Path, names: Iterable[str]) -> None:
-    """Delete the folders of removed files if they are empty now."""
-    for parent in sorted({(folder / name).parent for name in names} - {folder}, reverse=True):
+    """Delete the folders of removed files, and those around them, if they are empty now."""
+    parents = {folder / above for name in names for above in Path(name).parents[:-1]}
+    for parent in sorted(parents, reverse=True):
         with suppress(OSError):
             parent.rmdir()
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import re
 from pathlib import Path
@@ -66,9 +67,30 @@ COMMENT, LINE_BREAK = re.compile("//[^\n]*"), re.compile(r"\s*\n\s*")
 
 HTML = "index.html"
 
+VERSION = b"{version}"
+"""In the page, stands for the folder of everything else."""
+
 
 def site_files() -> dict[str, bytes]:
-    """The content of every file, by its path in the site."""
+    """The content of every file, by its path in the site.
+
+    All but the page itself are below a folder that is named by what the site consists of. Hosts that say nothing about
+    caching let browsers use files for days without asking: so a new page never runs an earlier one's modules.
+    """
+    files = _unversioned()
+    version = _version(files)
+    page = files.pop(HTML).replace(VERSION, version.encode())
+    return {HTML: page} | {f"{version}/{name}": content for name, content in files.items()}
+
+
+def _version(files: dict[str, bytes]) -> str:
+    digest = hashlib.sha256()
+    for name, content in sorted(files.items()):
+        digest.update(f"{name}\0{len(content)}\0".encode() + content)
+    return digest.hexdigest()[:12]
+
+
+def _unversioned() -> dict[str, bytes]:
     files = {f"page/{name}": (VIEWER / name).read_bytes() for name in SHARED}
     files[f"page/{MODULE}"] = constants_module().encode()
     files |= {f"gpu/{path.name}": path.read_bytes() for path in sorted(EXECUTOR.glob("*.js"))}

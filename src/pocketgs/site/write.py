@@ -7,8 +7,8 @@ from pathlib import Path
 from pocketgs.results.claim import claimed
 from pocketgs.site.files import site_files
 
-OUTDATED = ("train/*", "train/*/*", "page/*", "page/*/*", "gpu/*")
-"""Files of an earlier site that a new one may no longer have."""
+OUTDATED = ("train/*", "train/*/*", "train/*/*/*", "page/*", "page/*/*", "gpu/*")
+"""Files of an earlier site, in whatever folder these folders are: each version has its own."""
 
 
 def write_site(folder: Path) -> dict[str, int]:

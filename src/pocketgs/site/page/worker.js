@@ -5,7 +5,6 @@
  */
 
 import { onDevice } from "../page/drawing/opening.js";
-import { crc32 } from "../page/formats/crc32.js";
 import { FileTree, StoredFile } from "./archive/tree.js";
 import { filesInZip } from "./archive/zip.js";
 import { withoutDepth } from "./capture/depth_map.js";
@@ -40,10 +39,9 @@ const KEPT_ELSEWHERE = "Another tab of this page keeps a run: close it.";
 const NOT_KEPT = "This run cannot be kept in the browser's storage: stop and save it before you leave the page.";
 
 const DATA = ["settings.json", "passes.json", "depth_passes.json", "features_passes.json", "seeding_passes.json"];
-const texts = await Promise.all(DATA.map(fetched));
-const [settings, passes, depthPasses, featuresPasses, seedingPasses] = texts.map((text) => JSON.parse(text));
-/** Of the site: with other settings or passes a kept run would not go on to the same scene. */
-const version = crc32(new TextEncoder().encode(texts.join())).toString(16);
+const [settings, passes, depthPasses, featuresPasses, seedingPasses] = await Promise.all(DATA.map(fetched));
+/** The name of the site's folder, which follows from all that it consists of. */
+const version = new URL("..", import.meta.url).pathname.split("/").at(-2);
 /** @type {Run | null} */
 let run = null;
 /** Ends what comes before training; null from then on. @type {AbortController | null} */
@@ -265,7 +263,7 @@ async function fetched(name) {
     if (!response.ok) {
         throw new Error(`${name}: the server answers ${response.status}`);
     }
-    return response.text();
+    return response.json();
 }
 
 /**
