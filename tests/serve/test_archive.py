@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from pocketgs.errors import PocketGSError
 from pocketgs.serve import shelf
 from pocketgs.serve.archive import unpack
-from zip_files import zip_of
+from zip_files import NAMES, zip_of, zip_of_name
 
 MB = 1_000_000
 
@@ -99,14 +99,9 @@ def test_folders_separated_by_backslashes(tmp_path: Path) -> None:
     assert unpacked(content, tmp_path) == {"toys/images/a.png": b"a", "toys/transforms.json": b"{}"}
 
 
-@pytest.mark.parametrize(
-    ("written", "meant"),
-    [("Küche 台所.jpg".encode(), "Küche 台所.jpg"), ("Küche.jpg".encode("cp437"), "Küche.jpg")],
-)
-def test_names_without_the_flag_of_utf8(tmp_path: Path, written: bytes, meant: str) -> None:
-    """They are in UTF-8 all the same; or, if they cannot be, in the code page that the format names."""
-    content = zip_of({"a" * len(written): b"x"})
-    assert unpacked(content.replace(b"a" * len(written), written), tmp_path) == {meant: b"x"}
+@pytest.mark.parametrize(("written", "is_utf8", "meant"), NAMES)
+def test_names_in_utf8_and_others(tmp_path: Path, written: bytes, is_utf8: bool, meant: str) -> None:
+    assert unpacked(zip_of_name(written, is_utf8), tmp_path) == {meant: b"x"}
 
 
 @pytest.mark.skipif(os.name == "nt", reason="a folder with an open file cannot be moved there")
@@ -158,6 +153,7 @@ def damaged() -> bytes:
         (damaged, "is no whole zip file"),
         (lambda: zip_of({"a.txt": b"a"})[:-10], "is no whole zip file"),
         (lambda: b"", "is no whole zip file"),
+        (lambda: zip_of_name(b"\xff", is_utf8=True), "is no whole zip file"),
         (lambda: b"PK" + bytes(1000), "is no whole zip file"),
         (lambda: zip_of({"bomb.bin": bytes(2 * MB)}), "unpacks to 2 MB, expected at most 1 MB"),
         (lambda: zip_of({f"{i}.bin": bytes(MB // 10) for i in range(11)}), "unpacks to 1 MB"),

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from playwright.sync_api import Error
 
-from zip_files import zip_of
+from zip_files import NAMES, zip_of, zip_of_name
 
 Call = Callable[..., Any]
 
@@ -56,6 +56,12 @@ def test_with_the_backslashes_of_old_tools(call: Call) -> None:
     assert read(call, archive) == {"a/transforms.json": b"{}", "a/images/b.png": b"b"}
 
 
+@pytest.mark.parametrize(("written", "is_utf8", "meant"), NAMES)
+def test_names_in_utf8_and_others(call: Call, written: bytes, is_utf8: bool, meant: str) -> None:
+    """As `pocketgs serve` reads them."""
+    assert read(call, zip_of_name(written, is_utf8)) == {meant: b"x"}
+
+
 def stating(archive: bytes, offset: int, value: int) -> bytes:
     """With another number in the first entry of the list of files."""
     at = archive.index(b"PK\x01\x02") + offset
@@ -85,6 +91,7 @@ BOMB = zip_of({"a.json": bytes(3_000_000)})
         (stating(BOMB, 24, 4_000_000), "a.json is damaged"),
         (stating(WHOLE, 42, 5_000_000), "a.json is not where its list of files says"),
         (stating(WHOLE, 8, 1), "encrypted"),
+        (zip_of_name(b"\xff", is_utf8=True), "expected names in UTF-8 where it says so"),
         (zip_of({"a.json": b"text" * 100}, zipfile.ZIP_BZIP2), "compressed by method 12"),
         (zip_of({"../a.json": b"{}"}), "leads out of its folder"),
         (zip_of({"a/../../b": b"{}"}), "leads out of its folder"),

@@ -8,6 +8,7 @@ import { crc32 } from "../../page/formats/crc32.js";
 import { taken } from "./inflate.js";
 import { readingFault } from "./reading_fault.js";
 import { StoredFile } from "./tree.js";
+import { pathsOf } from "./zip_names.js";
 
 const END_BYTES = 22;
 const MAX_COMMENT = 0xffff;
@@ -45,21 +46,18 @@ export async function filesInZip(archive, name) {
         at += entry.bytes;
         entries.push(entry);
     }
-    return withSlashes(entries)
+    const paths = pathsOf(entries);
+    if (paths === null) {
+        throw refused("its list of files is broken: expected names in UTF-8 where it says so");
+    }
+    return entries
+        .map((entry, i) => ({ ...entry, path: paths[i] }))
         .filter(({ path }) => !path.endsWith("/"))
         .map((entry) => {
             const read = () => unpacked(archive, entry, refused);
             const readStart = (most) => startOf(archive, entry, most, refused);
             return new StoredFile(entry.path, entry.size, read, readStart);
         });
-}
-
-/** Old tools on Windows separate folders by backslashes. */
-function withSlashes(entries) {
-    if (entries.some(({ path }) => path.includes("/"))) {
-        return entries;
-    }
-    return entries.map((entry) => ({ ...entry, path: entry.path.replaceAll("\\", "/") }));
 }
 
 async function findDirectory(archive, refused) {
@@ -84,7 +82,7 @@ async function findDirectory(archive, refused) {
 
 function readEntry(directory, at) {
     const lengths = [28, 30, 32].map((field) => directory.getUint16(at + field, true));
-    const name = new Uint8Array(directory.buffer, directory.byteOffset + at + ENTRY_BYTES);
+    const rest = new Uint8Array(directory.buffer, directory.byteOffset + at + ENTRY_BYTES);
     return {
         bytes: ENTRY_BYTES + lengths[0] + lengths[1] + lengths[2],
         flags: directory.getUint16(at + 8, true),
@@ -93,7 +91,7 @@ function readEntry(directory, at) {
         packed: directory.getUint32(at + 20, true),
         size: directory.getUint32(at + 24, true),
         offset: directory.getUint32(at + 42, true),
-        path: new TextDecoder().decode(name.subarray(0, lengths[0])),
+        name: rest.subarray(0, lengths[0]),
     };
 }
 
