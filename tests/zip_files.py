@@ -8,6 +8,10 @@ from collections.abc import Mapping
 
 _IS_UTF8 = 1 << 11
 
+FROM_HERE = {"./": b"", "./toys/": b"", "./toys/transforms.json": b"{}", "././toys/images/a.png": b"a", "./b": b"b"}
+MEANT = {"toys/transforms.json": b"{}", "toys/images/a.png": b"a", "b": b"b"}
+"""Names that begin with the folder that was packed, and what they mean."""
+
 NAMES = [
     ("Küche 台所.jpg".encode(), True, "Küche 台所.jpg"),
     ("Küche 台所.jpg".encode(), False, "Küche 台所.jpg"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import struct
+import zipfile
 from pathlib import Path
 
 import lzfse
@@ -26,6 +27,19 @@ def test_an_archive_reads_as_its_content(written_phones, tmp_path):
         np.testing.assert_array_equal(frame.image, unpacked.image)
         np.testing.assert_array_equal(frame.camera.world_to_camera, unpacked.camera.world_to_camera)
     assert [path.name for path in tmp_path.iterdir()] == ["walk.r3d"]
+
+
+def test_an_archive_whose_names_begin_with_its_folder(written_phones, tmp_path):
+    """As bsdtar packs them."""
+    packed = zip_folder(written_phones["record3d"], tmp_path / "walk.r3d")
+    with zipfile.ZipFile(packed) as plain, zipfile.ZipFile(tmp_path / "again.r3d", "w") as again:
+        again.writestr("./", b"")
+        for name in plain.namelist():
+            again.writestr(f"./{name}", plain.read(name))
+    expected, found = (open_capture(path, hold_out_every=0).train for path in (packed, tmp_path / "again.r3d"))
+    for frame, other in zip(expected, found, strict=True):
+        np.testing.assert_array_equal(frame.image, other.image)
+        np.testing.assert_array_equal(frame.depth, other.depth)
 
 
 def test_intrinsics_of_each_frame_prevail(copied_phone):

@@ -15,9 +15,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pocketgs.errors import PocketGSError
+from pocketgs.files.zip_names import without_here
 from pocketgs.serve import shelf
 from pocketgs.serve.archive import unpack
-from zip_files import NAMES, zip_of, zip_of_name
+from zip_files import FROM_HERE, MEANT, NAMES, zip_of, zip_of_name
 
 MB = 1_000_000
 
@@ -57,6 +58,9 @@ def test_what_is_sound(tmp_path: Path) -> None:
         "toys/b\\a.txt",
         "toys/./a.txt",
         "toys//a.txt",
+        ".//a.txt",
+        "./../out.txt",
+        "./.",
         "CON",
         "toys/nul.txt",
         "toys/Com1",
@@ -90,7 +94,7 @@ def test_any_names_stay_inside(names: list[str], tmp_path_factory: pytest.TempPa
         return
     if not any("/" in name for name in names):
         names = [name.replace("\\", "/") for name in names]
-    assert set(found) == {name for name in names if not name.endswith("/")}
+    assert set(found) == {without_here(name) for name in names if not name.endswith("/")}
 
 
 def test_folders_separated_by_backslashes(tmp_path: Path) -> None:
@@ -102,6 +106,10 @@ def test_folders_separated_by_backslashes(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("written", "is_utf8", "meant"), NAMES)
 def test_names_in_utf8_and_others(tmp_path: Path, written: bytes, is_utf8: bool, meant: str) -> None:
     assert unpacked(zip_of_name(written, is_utf8), tmp_path) == {meant: b"x"}
+
+
+def test_names_that_begin_with_the_folder_itself(tmp_path: Path) -> None:
+    assert unpacked(zip_of(FROM_HERE), tmp_path) == MEANT
 
 
 @pytest.mark.skipif(os.name == "nt", reason="a folder with an open file cannot be moved there")

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from playwright.sync_api import Error
 
-from zip_files import NAMES, zip_of, zip_of_name
+from zip_files import FROM_HERE, MEANT, NAMES, zip_of, zip_of_name
 
 Call = Callable[..., Any]
 
@@ -62,6 +62,10 @@ def test_names_in_utf8_and_others(call: Call, written: bytes, is_utf8: bool, mea
     assert read(call, zip_of_name(written, is_utf8)) == {meant: b"x"}
 
 
+def test_names_that_begin_with_the_folder_itself(call: Call) -> None:
+    assert read(call, zip_of(FROM_HERE)) == MEANT
+
+
 def stating(archive: bytes, offset: int, value: int) -> bytes:
     """With another number in the first entry of the list of files."""
     at = archive.index(b"PK\x01\x02") + offset
@@ -96,6 +100,8 @@ BOMB = zip_of({"a.json": bytes(3_000_000)})
         (zip_of({"../a.json": b"{}"}), "leads out of its folder"),
         (zip_of({"a/../../b": b"{}"}), "leads out of its folder"),
         (zip_of({"/etc/passwd": b"{}"}), "leads out of its folder"),
+        (zip_of({".//etc/passwd": b"{}"}), "leads out of its folder"),
+        (zip_of({"./../a.json": b"{}"}), "leads out of its folder"),
         (zip_of({"a\\b": b"{}", "a/c": b"{}"}), "leads out of its folder"),
         (zip_of({"a\\..\\..\\b": b"{}"}), "leads out of its folder"),
         (zip_of({"\\b": b"{}"}), "leads out of its folder"),

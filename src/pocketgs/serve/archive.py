@@ -12,6 +12,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from pocketgs.errors import PocketGSError, short
+from pocketgs.files.zip_names import without_here
 from pocketgs.serve.shelf import free_bytes
 
 MAX_FILES = 50_000
@@ -100,6 +101,8 @@ def _name(members: list[zipfile.ZipInfo]) -> None:
     if not any("/" in member.filename for member in members):
         for member in members:  # an old program on Windows: it separates folders by backslashes
             member.filename = member.filename.replace("\\", "/")
+    for member in members:
+        member.filename = without_here(member.filename)
 
 
 def _check(member: zipfile.ZipInfo) -> None:

@@ -19,6 +19,7 @@ from pocketgs.errors import PocketGSError, clipped
 from pocketgs.files.json_fields import Fields, parse_json
 from pocketgs.files.opening import read_bytes
 from pocketgs.files.paths import CaptureFile, existing_file
+from pocketgs.files.zip_names import without_here
 
 FORMAT = "record3d"
 LOOKED_FOR = "a .r3d file, or metadata and rgbd/, or metadata.json and rgb/ with poses"
@@ -154,7 +155,12 @@ def _depth_shape(metadata: Fields) -> tuple[int, int] | None:
 
 def _archive(path: Path) -> zipfile.Path:
     try:
-        return zipfile.Path(zipfile.ZipFile(path))
+        archive = zipfile.ZipFile(path)
+        for member in archive.infolist():
+            member.filename = without_here(member.filename)
+        # By these names members are opened.
+        archive.NameToInfo = {member.filename: member for member in archive.infolist()}
+        return zipfile.Path(archive)
     except Exception as error:  # zipfile raises different types for different damage
         raise PocketGSError(f"{path}: not a readable .r3d archive ({clipped(error)})") from error
 

@@ -13,6 +13,9 @@ const UPPER =
     "ÇüéâäàåçêëèïîìÄÅÉæÆôöòûùÿÖÜ¢£¥₧ƒáíóúñÑªº¿⌐¬½¼¡«»░▒▓│┤╡╢╖╕╣║╗╝╜╛┐" +
     "└┴┬├─┼╞╟╚╔╩╦╠═╬╧╨╤╥╙╘╒╓╫╪┘┌█▄▌▐▀αßΓπΣσµτΦΘΩδ∞φε∩≡±≥≤⌠⌡÷≈°∙·√ⁿ²■\u00a0";
 
+/** What some programs begin all names with, such as bsdtar. */
+const HERE = /^(\.\/)+(?=[^/])/;
+
 /**
  * @param {{name: Uint8Array, flags: number}[]} entries
  * @returns {string[] | null} a path for each; null if one is not what its flag says
@@ -23,7 +26,8 @@ export function pathsOf(entries) {
         return null;
     }
     // Old tools on Windows separate folders by backslashes.
-    return paths.some((path) => path.includes("/")) ? paths : paths.map((path) => path.replaceAll("\\", "/"));
+    const isOld = !paths.some((path) => path.includes("/"));
+    return paths.map((path) => (isOld ? path.replaceAll("\\", "/") : path).replace(HERE, ""));
 }
 
 function decoded({ name, flags }) {
