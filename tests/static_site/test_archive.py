@@ -6,7 +6,8 @@ import base64
 import io
 import struct
 import zipfile
-from collections.abc import Callable
+import zlib
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import pytest
@@ -66,16 +67,69 @@ def test_names_that_begin_with_the_folder_itself(call: Call) -> None:
     assert read(call, zip_of(FROM_HERE)) == MEANT
 
 
+def wide_zip_of(files: Mapping[str, bytes], before: int = 0) -> bytes:
+    """An archive of stored files whose numbers all have 64 bits.
+
+    Args:
+        files: contents by their names.
+        before: so many bytes, which are not there, are counted too.
+    """
+    content, listed = b"", b""
+    for name, data in files.items():
+        fields = struct.pack("<HHHHHI", 45, 1 << 11, 0, 0, 33, zlib.crc32(data))
+        another = struct.pack("<HHI", 0x7777, 4, 0)
+        extra = another + struct.pack("<HHQQQ", 1, 24, len(data), len(data), before + len(content))
+        listed += struct.pack("<IH", 0x02014B50, 45) + fields + b"\xff" * 8
+        listed += struct.pack("<HH", len(name.encode()), len(extra)) + bytes(10) + b"\xff" * 4 + name.encode() + extra
+        content += struct.pack("<I", 0x04034B50) + fields + struct.pack("<II", len(data), len(data))
+        content += struct.pack("<HH", len(name.encode()), 0) + name.encode() + data
+    numbers = (44, 45, 45, 0, 0, len(files), len(files), len(listed), before + len(content))
+    record = struct.pack("<IQHHIIQQQQ", 0x06064B50, *numbers)
+    locator = struct.pack("<IIQI", 0x07064B50, 0, before + len(content) + len(listed), 1)
+    return content + listed + record + locator + struct.pack("<IHH", 0x06054B50, 0, 0) + b"\xff" * 12 + bytes(2)
+
+
+def test_numbers_of_64_bits(call: Call) -> None:
+    """As `zip` writes them when it does not know sizes beforehand, and as any program does beyond 4 GB."""
+    archive = wide_zip_of(CONTENTS)
+    with zipfile.ZipFile(io.BytesIO(archive)) as opened:
+        assert {name: opened.read(name) for name in opened.namelist()} == CONTENTS
+    assert read(call, archive) == CONTENTS
+
+
+def test_an_archive_of_more_than_4_gb(call: Call) -> None:
+    script = """
+        const whole = new Blob([Uint8Array.from(atob(given.archive), (character) => character.charCodeAt(0))]);
+        const slice = (start, end) => {
+            const missing = new Uint8Array(Math.max(0, given.before - start));
+            return new Blob([missing, whole.slice(Math.max(0, start - given.before), end - given.before)]);
+        };
+        const files = await module.filesInZip({size: given.before + whole.size, slice}, "capture.zip");
+        return Promise.all(files.map(async (file) => [file.path, [...await file.bytes()]]));
+    """
+    before = 5_000_000_000
+    archive = base64.b64encode(wide_zip_of(CONTENTS, before)).decode()
+    found = call("archive/zip.js", script, {"archive": archive, "before": before})
+    assert {path: bytes(content) for path, content in found} == CONTENTS
+
+
 def stating(archive: bytes, offset: int, value: int) -> bytes:
     """With another number in the first entry of the list of files."""
     at = archive.index(b"PK\x01\x02") + offset
     return archive[:at] + struct.pack("<I", value) + archive[at + 4 :]
 
 
+def stating_wide(place: int, value: int) -> bytes:
+    """With another number of 64 bits in the entry."""
+    at = WIDE.index(struct.pack("<HH", 1, 24)) + 4 + place
+    return WIDE[:at] + struct.pack("<Q", value) + WIDE[at + 8 :]
+
+
 def damaged(archive: bytes) -> bytes:
     return archive[:60] + bytes([archive[60] ^ 255]) + archive[61:]
 
 
+WIDE = wide_zip_of({"a.json": b"{}"})
 WHOLE = zip_of({"a.json": b'{"some": "text"}' * 50}, zipfile.ZIP_STORED)
 BOMB = zip_of({"a.json": bytes(3_000_000)})
 
@@ -95,6 +149,16 @@ BOMB = zip_of({"a.json": bytes(3_000_000)})
         (stating(BOMB, 24, 4_000_000), "a.json is damaged"),
         (stating(WHOLE, 42, 5_000_000), "a.json is not where its list of files says"),
         (stating(WHOLE, 8, 1), "encrypted"),
+        (WIDE[:-43] + b"x" + WIDE[-42:], "its list of files is broken"),
+        (WIDE.replace(b"PK\x06\x06", b"PK\x06\x05"), "its list of files is broken"),
+        (WIDE.replace(b"PK\x06\x07", b"PK\x06\x05"), "its list of files is broken"),
+        (wide_zip_of({"a.json": b"{}"}, 1 << 63), "its list of files is broken"),
+        (WIDE[-42:], "its list of files is broken"),
+        (WIDE[-22:], "its list of files is broken"),
+        (stating_wide(0, 1 << 63), "would take 9223372036855 MB: expected at most 512 MB"),
+        (stating_wide(8, 1 << 63), "a.json is damaged"),
+        (stating_wide(16, 1 << 63), "a.json is not where its list of files says"),
+        (zip_of({str(i): b"" for i in range(50_001)}), "holds 50001 files: expected at most 50000"),
         (zip_of_name(b"\xff", is_utf8=True), "expected names in UTF-8 where it says so"),
         (zip_of({"a.json": b"text" * 100}, zipfile.ZIP_BZIP2), "compressed by method 12"),
         (zip_of({"../a.json": b"{}"}), "leads out of its folder"),

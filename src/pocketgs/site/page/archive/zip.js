@@ -8,6 +8,7 @@ import { crc32 } from "../../page/formats/crc32.js";
 import { taken } from "./inflate.js";
 import { readingFault } from "./reading_fault.js";
 import { StoredFile } from "./tree.js";
+import { isElsewhere, wideDirectory, widened } from "./zip64.js";
 import { pathsOf } from "./zip_names.js";
 
 const END_BYTES = 22;
@@ -20,8 +21,6 @@ const LOCAL_MARK = 0x0403_4b50;
 const ENCRYPTED = 1;
 const STORED = 0;
 const DEFLATED = 8;
-/** What a field of 32 bits holds where the number stands in a field of 64 bits elsewhere. */
-const ELSEWHERE = 0xffff_ffff;
 const MAX_FILES = 50_000;
 const MAX_DIRECTORY_BYTES = 1 << 26;
 
@@ -67,15 +66,17 @@ async function findDirectory(archive, refused) {
         if (end.getUint32(at, true) !== END_MARK) {
             continue;
         }
-        const count = end.getUint16(at + 10, true);
         const [bytes, offset] = [12, 16].map((field) => end.getUint32(at + field, true));
-        if (offset === ELSEWHERE || count === 0xffff) {
-            throw refused("is of more than 4 GB or 65,534 files: expected a smaller zip file, or the folder itself");
-        }
-        if (offset + bytes > start + at || bytes > MAX_DIRECTORY_BYTES || count > MAX_FILES) {
+        const narrow = { count: end.getUint16(at + 10, true), bytes, offset };
+        const read = (from, most) => viewOf(archive, from, most, refused);
+        const found = isElsewhere(narrow) ? await wideDirectory(start + at, read) : narrow;
+        if (!found || found.offset + found.bytes > start + at || found.bytes > MAX_DIRECTORY_BYTES) {
             throw refused("its list of files is broken: expected a whole zip file");
         }
-        return { count, offset, bytes };
+        if (found.count > MAX_FILES) {
+            throw refused(`holds ${found.count} files: expected at most ${MAX_FILES}`);
+        }
+        return found;
     }
     throw refused("is no zip file, or cut short: it has no list of files at its end");
 }
@@ -83,14 +84,17 @@ async function findDirectory(archive, refused) {
 function readEntry(directory, at) {
     const lengths = [28, 30, 32].map((field) => directory.getUint16(at + field, true));
     const rest = new Uint8Array(directory.buffer, directory.byteOffset + at + ENTRY_BYTES);
+    const extra = rest.subarray(lengths[0], lengths[0] + lengths[1]);
+    const numbers = [24, 20, 42].map((field) => directory.getUint32(at + field, true));
+    const [size, packed, offset] = widened(numbers, new DataView(extra.buffer, extra.byteOffset, extra.byteLength));
     return {
         bytes: ENTRY_BYTES + lengths[0] + lengths[1] + lengths[2],
         flags: directory.getUint16(at + 8, true),
         method: directory.getUint16(at + 10, true),
         sum: directory.getUint32(at + 16, true),
-        packed: directory.getUint32(at + 20, true),
-        size: directory.getUint32(at + 24, true),
-        offset: directory.getUint32(at + 42, true),
+        packed,
+        size,
+        offset,
         name: rest.subarray(0, lengths[0]),
     };
 }
