@@ -177,6 +177,33 @@ def test_an_upload_that_is_interrupted(
 
 
 @pytest.mark.usefixtures("untrained")
+def test_answers_that_break_off(browser: Browser, serve: Callable[..., Phone], tmp_path: Path) -> None:
+    """They count as none: the piece is sent again, and the page says that the computer does not answer."""
+    content = bytes(range(251)) * 12_000
+    with visiting(browser, serve().url, *PHONE) as phone:
+        asked = 0
+
+        def break_off(route: Route) -> None:
+            nonlocal asked
+            asked += 1
+            route.fulfill(status=200, body='{"rece') if asked == 1 else route.continue_()
+
+        phone.page.route("**/files/*?offset=*", break_off)
+        choose(phone, "[data-kind=video]", {"walk.mov": content})
+        phone["#begin-upload"].click()
+        phone["[data-state=unusable]"].wait_for(timeout=PATIENCE)
+        assert asked == 3
+        expect(phone["#connection"]).to_be_hidden()
+        phone.page.route("**/shelf.json", lambda route: route.fulfill(status=200, body='{"capt'))
+        expect(phone["#connection"]).to_be_visible()
+        phone.page.unroute("**/shelf.json")
+        expect(phone["#connection"]).to_be_hidden()
+        assert phone.complaints == []
+    path = next((tmp_path / "shelf" / "captures").glob("*/upload/0001.mov"))
+    assert path.read_bytes() == content
+
+
+@pytest.mark.usefixtures("untrained")
 def test_an_upload_whose_file_is_gone(browser: Browser, serve: Callable[..., Phone], tmp_path: Path) -> None:
     """The phone has deleted its temporary copy: no retry helps. A piece that came too late is sent again."""
     server, video = serve(), tmp_path / "walk.mov"

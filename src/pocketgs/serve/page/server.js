@@ -29,12 +29,17 @@ export function put(path, piece, signal) {
 }
 
 async function answered(promise) {
-    const response = await promise.catch((error) => {
-        throw error instanceof TypeError ? new Error("the computer does not answer") : error;
-    });
-    const content = await response.json().catch(() => ({}));
+    const response = await promise.catch(unanswered);
+    // What stands between may refuse a request in its own words; but an answer that breaks off says nothing.
+    const content = await response.json().catch((error) => (response.ok ? unanswered(error) : {}));
     if (!response.ok) {
         throw new RefusedError(response.status, content);
     }
     return content;
+}
+
+/** Throws what to say of a request without an answer, or with half of one. */
+function unanswered(error) {
+    const isBroken = error instanceof TypeError || error instanceof SyntaxError;
+    throw isBroken ? new Error("the computer does not answer") : error;
 }
