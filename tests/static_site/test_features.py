@@ -129,8 +129,12 @@ def test_structure(call: Call) -> None:
     assert found < 0.6 * before
 
 
-def test_photographs_with_wrong_poses(call: Call) -> None:
-    """One for training and one that is held out are placed anew; one of another place, mirrored, is left out."""
+@pytest.mark.parametrize("is_full", [False, True])
+def test_photographs_with_wrong_poses(call: Call, is_full: bool) -> None:
+    """One for training and one that is held out are placed anew; one of another place, mirrored, is left out.
+
+    Also where memory is full once depth is computed.
+    """
     capture = true_capture(width=160, height=120, frames=8, points=1)
     frames = [replace(f, camera=turned(f.camera, 30)) if i in (2, 6) else f for i, f in enumerate(capture.train)]
     frames[4] = replace(frames[4], image=np.ascontiguousarray(frames[4].image[:, ::-1]))
@@ -142,19 +146,25 @@ def test_photographs_with_wrong_poses(call: Call) -> None:
         const depth = await (await fetch("depth_passes.json")).json();
         const stereo = await Stereo.open(device, depth, settings.prior.sweep);
         const [stages, warnings] = [[], []];
-        const listener = { onStage: async (text) => stages.push(text), onWarning: (text) => warnings.push(text) };
+        const onStage = async (text) => {
+            stages.push(text);
+            if (given.isFull && text.startsWith("depth of keyframe")) {
+                device.popErrorScope = async () => new GPUOutOfMemoryError("");
+            }
+        };
+        const listener = { onStage, onWarning: (text) => warnings.push(text) };
         const [train, heldOut] = [framesOf(given.train), framesOf(given.heldOut)];
         const loaded = { train, heldOut, cloud: null, isMetric: true };
-        const gpu = { stereo, finder };
-        const { capture } = await module.buildPrior(loaded, { most: 2000, refines: true }, settings, gpu, listener);
+        const options = { gaussians: 2000, seed: 0, prior: "dense", refines: true };
+        const { capture } = await module.prepared(loaded, options, settings, { stereo, finder }, listener);
         device.destroy();
         const kept = [...capture.train, ...capture.heldOut];
         const poses = kept.map(({ name, camera }) => [name, camera.world_to_camera]);
         return [Object.fromEntries(poses), capture.train.length, stages, warnings, complaints];
     """
     )
-    given = {"train": plain_frames(frames[:5]), "heldOut": plain_frames(frames[5:])}
-    poses, training, stages, warnings, complaints = call("prior/prior.js", script, given)
+    given = {"train": plain_frames(frames[:5]), "heldOut": plain_frames(frames[5:]), "isFull": is_full}
+    poses, training, stages, warnings, complaints = call("training/preparation.js", script, given)
     names = [frame.name for frame in frames]
     assert complaints == []
     assert list(poses) == [*names[:4], *names[5:]]
@@ -164,7 +174,9 @@ def test_photographs_with_wrong_poses(call: Call) -> None:
         np.testing.assert_allclose(
             np.reshape(poses[names[i]], (4, 4)), capture.train[i].camera.world_to_camera, atol=0.02
         )
-    assert warnings == [
+    first, *others = warnings
+    assert first == (
         "Some photographs have poses that the others contradict. "
         f"2 placed anew: {names[2]}, {names[6]}. 1 left out: {names[4]}."
-    ]
+    )
+    assert [text.split(":")[0] for text in others] == ["Depth is not computed"] * is_full

@@ -96,7 +96,8 @@ def test_clouds(call: Call, capture: Capture, has_cloud: bool, has_depth: bool) 
         const listener = { onStage: async (text) => stages.push(text) };
         const loaded = { train: framesOf(given.frames), heldOut: [], cloud: own };
         const options = { most: 1500, refines: false };
-        const { cloud, covered, keyframes } = await module.buildPrior(loaded, options, settings, { stereo }, listener);
+        const { dense } = await module.buildPrior(loaded, options, settings, { stereo }, listener);
+        const { cloud, covered, keyframes } = dense;
         device.destroy();
         return [[...cloud.positions], [...cloud.colours], covered, keyframes, stages, complaints];
     """

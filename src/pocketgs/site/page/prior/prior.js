@@ -19,6 +19,7 @@ import { buildStructure, pointsSeen, sparseCloud, structureOfFrames } from "./po
 import { roughPoints } from "./rough_points.js";
 import { scaleOf } from "./scale.js";
 import { seenPoints } from "./seen_points.js";
+import { NoRoom } from "./stereo.js";
 
 /**
  * @typedef {import("../capture/open.js").Capture} Capture
@@ -39,9 +40,8 @@ const NAMED = 8;
  * @param {Object} settings
  * @param {{stereo: import("./stereo.js").Stereo, finder: import("./features/finder.js").FeatureFinder}} gpu
  * @param {Listener} listener
- * @returns {Promise<{capture: Capture, cloud: Cloud, covered: number, keyframes: number}>} the capture with refined
- *     poses and training photographs of one exposure; covered: share of the training pixels
- * @throws {import("./stereo.js").NoRoom} the GPU's memory does not hold it
+ * @returns {Promise<{capture: Capture, dense: Dense | NoRoom}>} the capture with refined poses and training photographs
+ *     of one exposure; and why there is no cloud where the GPU's memory does not hold depth
  */
 export async function buildPrior(capture, { most, refines }, settings, { stereo, finder }, { onStage, onWarning }) {
     const { prior } = settings;
@@ -55,12 +55,30 @@ export async function buildPrior(capture, { most, refines }, settings, { stereo,
     if (structure && [...structure.replaced, ...structure.doubtful].some(Boolean)) {
         onWarning(contradiction(frames.map(({ name }) => name), structure));
     }
+    const dense = await denseCloud(refined, own, most, scale, prior, stereo, onStage).catch((error) => {
+        if (!(error instanceof NoRoom)) {
+            throw error;
+        }
+        return error;
+    });
+    return { capture: refined, dense };
+}
+
+/**
+ * @typedef {Object} Dense
+ * @property {Cloud} cloud
+ * @property {number} covered share of the training pixels
+ * @property {number} keyframes their number
+ *
+ * @returns {Promise<Dense>}
+ * @throws {NoRoom} the GPU's memory does not hold it
+ */
+async function denseCloud(capture, own, most, { distance }, prior, stereo, onStage) {
     await onStage("choosing keyframes", 0);
-    const { train } = refined;
-    const { distance } = scale;
+    const { train } = capture;
     const views = new ViewCells(train, prior.coverage);
-    const { points, sources } = structure
-        ? knownByFeatures(refined, own)
+    const { points, sources } = own
+        ? knownByFeatures(capture, own)
         : await knownWithoutFeatures(capture, views, distance, prior, stereo, onStage);
     const chosen = selectKeyframes(train, points, distance, prior.keyframes);
     const candidates = await swept(chosen, train, points, distance, prior, stereo, onStage);
@@ -72,7 +90,7 @@ export async function buildPrior(capture, { most, refines }, settings, { stereo,
     if (fused.positions.length / 3 > rest) {
         fused = merged(candidates, rest, prior.merging);
     }
-    return { capture: refined, cloud: joined([fused, added]), covered, keyframes: chosen.length };
+    return { cloud: joined([fused, added]), covered, keyframes: chosen.length };
 }
 
 /** Points and poses by features; null if there is too little texture or memory. The GPU is free again afterwards. */

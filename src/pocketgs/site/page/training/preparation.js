@@ -33,26 +33,28 @@ import { startingPoints } from "../seeding/points.js";
  * @throws {Error} there is nothing to start from
  */
 export async function prepared(capture, options, settings, gpu, listener) {
-    const prior = options.prior === "dense" ? await densePrior(capture, options, settings, gpu, listener) : null;
+    const prior = options.prior === "dense" ? await densePrior(capture, options, settings, gpu, listener) : { capture };
     await listener.onStage("placing splats", 1);
-    return prior ?? { capture, points: startingPoints(capture, options.gaussians, options.seed, settings) };
+    const points = prior.points ?? startingPoints(prior.capture, options.gaussians, options.seed, settings);
+    return { capture: prior.capture, points };
 }
 
-/** @returns {Promise<{capture: Capture, points: Cloud} | null>} */
-async function densePrior(capture, { gaussians: most, refines }, settings, gpu, { onStage, onWarning }) {
-    try {
-        const prior = await buildPrior(capture, { most, refines }, settings, gpu, { onStage, onWarning });
-        const found = prior.cloud.positions.length / 3;
-        if (found >= settings.run.min_points) {
-            return { capture: prior.capture, points: prior.cloud };
-        }
-        onWarning(`Too few points were found (${found}): training starts from other points.`);
-    } catch (error) {
-        if (!(error instanceof NoRoom)) {
-            throw error;
-        }
+/**
+ * The capture with the prior's poses, also where its cloud is of no use: warnings have told of them.
+ *
+ * @returns {Promise<{capture: Capture, points?: Cloud}>}
+ */
+async function densePrior(given, { gaussians: most, refines }, settings, gpu, { onStage, onWarning }) {
+    const { capture, dense } = await buildPrior(given, { most, refines }, settings, gpu, { onStage, onWarning });
+    if (dense instanceof NoRoom) {
         const instead = capture.cloud ? "the capture's own points" : "points where the photographs agree";
-        onWarning(`Depth is not computed: ${error.message}. Training starts from ${instead}.`);
+        onWarning(`Depth is not computed: ${dense.message}. Training starts from ${instead}.`);
+        return { capture };
     }
-    return null;
+    const found = dense.cloud.positions.length / 3;
+    if (found < settings.run.min_points) {
+        onWarning(`Too few points were found (${found}): training starts from other points.`);
+        return { capture };
+    }
+    return { capture, points: dense.cloud };
 }
