@@ -18,6 +18,7 @@ from pocketgs.files.journal import settle
 from pocketgs.files.json_fields import read_json
 from pocketgs.geometry.camera import Camera
 from pocketgs.geometry.lens import PINHOLE, Lens
+from pocketgs.results.folder import POSED
 
 SAME_POSE = 1e-4
 """Maximum difference of rotations' elements, and of positions relative to the cameras' spread, by rounding."""
@@ -86,13 +87,14 @@ def with_poses_of(capture: Capture, path: Path) -> Capture:
     size.
 
     Raises:
-        PocketGSError: the file cannot be read, or names no frame of the capture, or the capture's poses are others than
-            when the file was written.
+        PocketGSError: the file cannot be read, or names no frame of the capture, or the capture lies in the result's
+            folder and has other poses than when the file was written.
     """
     saved = read_cameras(path)
     capture = with_origin(capture, saved.origin)
     if not saved.refined:
-        _require_same_poses(capture, saved, path)
+        if capture.path.resolve().is_relative_to(path.parent.resolve() / POSED):
+            _require_same_poses(capture, saved, path)
         return capture
     if not any(frame.name in saved.cameras for frame in capture.frames):
         trained, read = next(iter(saved.cameras), "none"), capture.frames[0].name
@@ -109,7 +111,7 @@ def with_poses_of(capture: Capture, path: Path) -> Capture:
 
 
 def _require_same_poses(capture: Capture, saved: SavedCameras, path: Path) -> None:
-    """Refuse a capture that was posed anew: it is in another world than the scene.
+    """Refuse a capture that was posed anew, by a run that then failed: it is in another world than the scene.
 
     Raises:
         PocketGSError: the poses differ by more than rounding.
