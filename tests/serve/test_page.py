@@ -14,7 +14,7 @@ from pocketgs.results.video import write_video
 from pocketgs.scene.formats import read_scene
 from pocketgs.serve import shown
 from serve.client import Phone
-from viewer.browsing import NO_GPU, PATIENCE, Visit, open_browser, visiting
+from viewer.browsing import NO_GPU, NO_SOCKET, PATIENCE, Visit, open_browser, visiting
 
 HARM = '<img src=x onerror="document.title=1">"\'&lt;'
 PHONE, COMPUTER = (360, 740), (1280, 800)
@@ -266,3 +266,25 @@ def test_a_run_that_is_paused(browser: Browser, serve: Callable[..., Phone], zip
         computer.page.goto(server.url)
         sentence = re.compile(r"paused at \d+ of 1000000: open Watch to resume")
         expect(computer[".state"]).to_have_text(sentence, timeout=PATIENCE)
+
+
+def test_a_phone_without_sockets(browser: Browser, serve: Callable[..., Phone], zipped: bytes) -> None:
+    """It watches a run by requests all the same, pauses it, and stops it."""
+    server = serve()
+    identity = server.upload({"toys.zip": zipped}, effort="best")
+    server.until(identity, lambda capture: capture["state"] == "training" and capture["progress"]["iteration"] > 0)
+    with visiting(browser, server.url, *PHONE, script=NO_GPU + NO_SOCKET) as phone:
+        phone[".open"].click()
+        expect(phone["#stats"]).to_contain_text("splats", timeout=PATIENCE)
+        expect(phone["#loss"]).not_to_have_text("–")
+        phone["#message-close"].click()
+        phone["#pause"].click()
+        expect(phone["#stage"]).to_have_text("paused", timeout=PATIENCE)
+        server.until(identity, lambda capture: capture["progress"]["paused"])
+        phone["#pause"].click()
+        expect(phone["#stage"]).to_have_text("training", timeout=PATIENCE)
+        phone["#stop"].click()
+        server.until(identity, "trained")
+        # Either it has learnt of the end, or it shows the result since the run is gone.
+        expect(phone["#live-buttons"]).to_be_hidden(timeout=PATIENCE)
+        expect(phone["#stage"]).to_have_text(re.compile("finished|starting"), timeout=PATIENCE)

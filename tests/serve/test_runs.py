@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from urllib.parse import urlencode
 
 import psutil
 import pytest
@@ -67,6 +68,27 @@ async def watch(url: str) -> None:
         assert (about["format"], about["bytes"]) == ("spz", len(encoded))
 
 
+def check_commands(phone: Phone, identity: str) -> None:
+    """A page without WebSockets sends them in requests, which reach the run's page; nothing else is passed on."""
+    view = f"captures/{identity}/view"
+    paused = {"type": "pause"}
+    assert phone.tell(f"{view}/live", paused, Origin="https://evil.example").status == 403
+    assert phone.tell(f"/wrong/{view}/live", paused).status == 403
+    assert phone.tell(f"{view}/live", {"type": "restart"}).status == 400
+    assert phone.tell(f"{view}/live", "x" * 300).status == 413
+    for path in ("viewer.json", "news.json", "snapshot.spz"):
+        assert phone.tell(f"{view}/{path}", paused).status == 405
+    assert phone.tell(f"{view}/live/x", paused).status == 404
+    news = fetch(phone.url, f"{view}/news.json").json
+    assert not any(message.get("paused") for message in news["messages"])
+    assert phone.tell(f"{view}/live", paused).status == 204
+    changed = fetch(phone.url, f"{view}/news.json?{urlencode(news['read'])}").json["messages"]
+    assert any(message.get("paused") for message in changed)
+    phone.until(identity, lambda _: fetch(phone.url, f"{view}/snapshot.spz").status == 200)
+    assert phone.tell(f"{view}/live", {"type": "resume"}).status == 204
+    assert phone.tell("captures/0123456789ab/view/live", paused).status == 404
+
+
 def test_one_after_the_other(folder: Path, zipped: bytes) -> None:
     """A run that fails, and one that the server is ended in, do not keep others from being trained."""
     with serving_folder(folder, ServeOptions(FLAGS, "quick")) as (page, _):
@@ -83,6 +105,7 @@ def test_one_after_the_other(folder: Path, zipped: bytes) -> None:
         assert fetch(phone.url, f"captures/{long}/view/photos/0.jpg").status == 200
         live = f"captures/{long}/view/live"
         assert fetch(phone.url, live, headers={"Origin": "https://evil.example"}).status == 403
+        check_commands(phone, long)
         asyncio.run(asyncio.wait_for(watch(f"{phone.url}captures/{long}/view/"), 60))
         process = read_entry(folder / "captures" / long / "about.json").process
         assert process

@@ -34,6 +34,15 @@ FLAGS = (
 )
 NO_GPU = "delete Navigator.prototype.gpu"
 """A script that takes WebGPU from a page."""
+NO_SOCKET = """
+window.WebSocket = class extends EventTarget {
+    constructor() {
+        super();
+        setTimeout(() => this.dispatchEvent(new Event("close")));
+    }
+};
+"""
+"""A script that lets no WebSocket open, as Safari does on pages with a self-signed certificate."""
 PATIENCE = 120_000
 """Milliseconds: compiling shaders for a GPU in software takes its time."""
 

@@ -15,7 +15,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
-from urllib.parse import urlsplit
+from urllib.parse import urlencode, urlsplit
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ from pocketgs.results.reporter import Reporter
 from pocketgs.results.run import RunResult, run
 from pocketgs.scene.formats.spz import read_gaussians
 from pocketgs.training.progress import Progress
-from pocketgs.viewer import live
+from pocketgs.viewer import live, news
 from pocketgs.viewer.live import LiveRun
 from pocketgs.viewer.news import Read
 from pocketgs.viewer.server import serving
@@ -341,7 +341,7 @@ def test_messages_that_are_none(message: str | bytes, code: int) -> None:
 
     with serving(followed) as page:
         assert asyncio.run(say(page.url)) == code
-        assert '"paused": false' in str(followed.news.since(Read()))
+        assert "'paused': False" in str(followed.news.since(Read()))
         deadline = time.monotonic() + 10
         while followed.news.readers and time.monotonic() < deadline:
             time.sleep(0.01)
@@ -375,6 +375,39 @@ def test_page_is_told_the_end_before_the_server_ends(train: Callable[..., RunRes
             train(followed, SHORT)
             server.close()
     assert told.result().scenes[-1][0]["iteration"] == 300
+
+
+def test_a_page_that_polls(train: Callable[..., RunResult], tmp_path: Path, often: None) -> None:
+    """It gets what is new, and scenes are taken for it."""
+    followed = LiveRun("toys")
+    with serving(followed) as page:
+        first = fetch(page.url, "news.json").json
+        assert [message["type"] for message in first["messages"]] == ["progress"]
+        assert fetch(page.url, "snapshot.spz").status == 404
+        assert fetch(page.url, f"news.json?{urlencode(first['read'])}").json == {"read": first["read"], "messages": []}
+        result = train(followed, SHORT)
+        told = fetch(page.url, f"news.json?{urlencode(first['read'])}").json
+        cameras, progress, scene = told["messages"]
+        assert (cameras["type"], len(cameras["viewer"]["cameras"])) == ("cameras", 8)
+        assert (progress["type"], progress["finished"], progress["samples"][-1]["iteration"]) == ("progress", True, 300)
+        assert (scene["type"], scene["format"], scene["iteration"]) == ("scene", "spz", 300)
+        assert told["read"]["scene"] > 1
+        encoded = fetch(page.url, "snapshot.spz").body
+        assert (len(encoded), len(decoded(encoded, tmp_path))) == (scene["bytes"], len(result.scene))
+        for wrong in ("content=x", "samples=", "scene=1.5", "progress=9" + "9" * 5000):
+            assert fetch(page.url, f"news.json?{wrong}").status == 400, wrong
+
+
+def test_pages_that_poll_count_for_a_while(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A page may leave without a word. Programs that ask for the progress only are no pages."""
+    followed = LiveRun("toys")
+    with serving(followed) as page:
+        fetch(page.url, "progress.json")
+        assert not followed.news.readers
+        fetch(page.url, "news.json")
+        assert followed.news.readers == 1
+        monkeypatch.setattr(news, "SECONDS_TO_POLL", 0.0)
+        assert not followed.news.readers
 
 
 def test_refined_poses_are_shown(small_capture: Capture) -> None:

@@ -24,7 +24,7 @@ from pocketgs.viewer.live import LiveRun
 from pocketgs.viewer.routes import application
 from pocketgs.viewer.server import Page as Served
 from pocketgs.viewer.server import serving, serving_application
-from viewer.browsing import NO_GPU, PATIENCE, Visit, open_browser, visiting
+from viewer.browsing import NO_GPU, NO_SOCKET, PATIENCE, Visit, open_browser, visiting
 from viewer.marks import marked_scene
 
 # One thread, so that the browser gets some of the machine too.
@@ -84,6 +84,42 @@ def test_page_follows_a_run(written_capture: Path, tmp_path: Path) -> None:
             training.join()
 
 
+def test_page_without_sockets_follows_a_run_to_its_end(written_capture: Path, tmp_path: Path) -> None:
+    """By requests: it shows the figures and the scene, pauses the run, lets it go on, and stops it."""
+    followed = LiveRun("toys")
+    reporter = followed.reporter(Reporter())
+
+    def train() -> None:
+        followed.finish(run(lambda: list_capture(written_capture), tmp_path / "out", OPTIONS, reporter=reporter))
+
+    training = threading.Thread(target=train)
+    script = NO_GPU + IMPATIENT + NO_SOCKET
+    with open_browser() as browser, serving(followed) as page, visiting(browser, page.url, 400, 560, script) as visit:
+        training.start()
+        try:
+            expect(visit["#psnr"]).to_contain_text("dB", timeout=PATIENCE)
+            expect(visit["#loss"]).not_to_have_text("–")
+            assert _is_drawn_on(visit["#curves"])
+            expect(visit["#camera-name"]).to_contain_text("held out")
+            expect(visit["#stats"]).to_contain_text("2,000 splats", timeout=PATIENCE)
+            visit["#message-close"].click()
+            visit["#pause"].click()
+            expect(visit["#stage"]).to_have_text("paused", timeout=PATIENCE)
+            held = followed.news.progress["iteration"]
+            time.sleep(SECONDS_OF_PAUSE)
+            assert followed.news.progress["iteration"] == held
+            visit["#pause"].click()
+            expect(visit["#stage"]).to_have_text("training", timeout=PATIENCE)
+            visit["#stop"].click()
+            expect(visit["#stage"]).to_have_text("finished", timeout=PATIENCE)
+            expect(visit["#iteration"]).not_to_have_text(f"{held} / {OPTIONS.iterations}")
+            expect(visit["#live-buttons"]).to_be_hidden()
+            assert [each for each in visit.complaints if "WebGPU" not in each] == []
+        finally:
+            followed.obey("stop")
+            training.join()
+
+
 def test_pages_that_missed_the_end_of_a_run(tmp_path: Path) -> None:
     """As on a phone that slept: once there is a result they show it, unless the user has opened a file meanwhile."""
     scene, result, opened = marked_scene(), tmp_path / "scene.ply", tmp_path / "opened.ply"
@@ -107,7 +143,8 @@ def test_pages_that_missed_the_end_of_a_run(tmp_path: Path) -> None:
             other.drop("opened.ply", opened.read_bytes())
             expect(other["#title"]).to_have_text("opened.ply", timeout=PATIENCE)
             server.close()
-            expect(visit["#stage"]).to_have_text("connection lost", timeout=PATIENCE)
+            expect(visit["#stage"]).to_contain_text("no connection to the computer", timeout=PATIENCE)
+            expect(visit["#live-buttons"]).to_be_hidden()
             with served(nothing, None, port):
                 expect(visit["#stage"]).to_have_text("ended without a result", timeout=PATIENCE)
                 expect(visit["#live-buttons"]).to_be_hidden()

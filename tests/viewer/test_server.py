@@ -208,6 +208,9 @@ def test_only_get(page: Page, method: str) -> None:
     for path in ("", "viewer.json", "live", "x"):
         assert fetch(page.url, path, method=method).status == 405
         assert fetch(page.url, f"/wrong/{path}", method=method).status == 403
+    with serving(LiveRun("toys")) as live:
+        for path in ("", "viewer.json", "news.json", "x", *(["live"] if method != "POST" else [])):
+            assert fetch(live.url, path, method=method, headers={"Origin": origin_of(live.url)}).status == 405
 
 
 def test_bodies_are_not_read(page: Page) -> None:
@@ -294,6 +297,46 @@ def test_origins_on_the_websocket() -> None:
         assert asyncio.run(open_socket(f"{page.url[:-3]}/live", here)) == 403
         assert asyncio.run(open_socket(f"{page.url}live", here)) == 101
         assert fetch(page.url, "live", headers={"Origin": here}).status == 400
+
+
+def test_commands_by_request() -> None:
+    """From the page itself only, and short ones only."""
+    run = LiveRun("toys")
+    with serving(run) as page:
+        here, pause = origin_of(page.url), b'{"type": "pause"}'
+
+        def post(path: str, body: bytes, **headers: str) -> int:
+            return fetch(page.url, path, method="POST", body=body, headers=headers).status
+
+        for origin in ("https://evil.example", here + "0", "null"):
+            assert post("live", pause, Origin=origin) == 403
+        assert post("live", pause) == 403
+        assert post("live", pause, Origin="http://evil.example", Host="evil.example") == 403
+        for path in ("/live", "/wrong/live", f"{urlsplit(page.url).path[:-2]}/live"):
+            assert post(path, pause, Origin=here) == 403, path
+        for body in (b"", b"hello", b"[]", b'{"type": "restart"}', b"\xff", b"[" * 200):
+            assert post("live", body, Origin=here) == 400, body
+        assert post("live", pause + b" " * 300, Origin=here) == 413
+        assert not run.news.progress["paused"]
+        assert post("live", pause, Origin=here) == 204
+        assert run.news.progress["paused"]
+        assert post("live", b'{"type": "resume"}', Origin=here) == 204
+        assert not run.news.progress["paused"]
+
+
+def test_command_that_never_ends() -> None:
+    """It is cut off, although its size is not stated."""
+    with serving(LiveRun("toys")) as page:
+        parts = urlsplit(page.url)
+        with socket.create_connection((str(parts.hostname), parts.port), timeout=20) as client:
+            head = f"POST {parts.path}live HTTP/1.1\r\nHost: {parts.netloc}\r\nOrigin: {origin_of(page.url)}\r\n"
+            client.sendall(f"{head}Transfer-Encoding: chunked\r\n\r\n".encode())
+            sent = 0
+            with suppress(OSError):
+                while sent < 10**9:
+                    client.sendall(b"10000\r\n" + bytes(0x10000) + b"\r\n")
+                    sent += 0x10000
+        assert sent < 10**8
 
 
 def test_scene_that_is_gone(content: Content, tmp_path: Path) -> None:

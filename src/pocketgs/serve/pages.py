@@ -44,6 +44,10 @@ class Pages:
         followed = {path: self._or_from_run(handler) for path, handler in of_result.items()}
         return {**page_handlers(), "/live": self._live, **followed}
 
+    def command_handlers(self) -> dict[str, Handler]:
+        """Likewise for what takes commands."""
+        return {"/live": self._obey}
+
     async def open(self) -> None:
         """Prepare for asking runs' pages; call it on the event loop."""
         self._client = ClientSession()
@@ -92,12 +96,19 @@ class Pages:
             await asyncio.sleep(SECONDS_BETWEEN_LOOKS)
 
     async def _live(self, request: web.Request) -> web.StreamResponse:
-        run = self._queue.running(request.match_info["id"])
-        if run is None:
-            raise web.HTTPNotFound
+        run = self._run(request)
         if not is_from_own_page(request):
             return refused(web.HTTPForbidden())
         return await relay.follow(request, run)
+
+    async def _obey(self, request: web.Request) -> web.StreamResponse:
+        return await relay.obey(request, self._run(request))
+
+    def _run(self, request: web.Request) -> Training:
+        run = self._queue.running(request.match_info["id"])
+        if run is None:
+            raise web.HTTPNotFound
+        return run
 
 
 @lru_cache(SHOWN_AT_ONCE)

@@ -9,6 +9,7 @@ from typing import Any
 from aiohttp import ClientError, ClientSession, ClientWebSocketResponse, WSMsgType, web
 
 from pocketgs.serve.training import Training
+from pocketgs.viewer.commands import posted_command
 from pocketgs.viewer.following import page_socket
 
 CHUNK = 1 << 18
@@ -68,6 +69,16 @@ async def follow(request: web.Request, run: Training) -> web.WebSocketResponse:
         await asyncio.gather(*ways, return_exceptions=True)
         await page.close()
         return page
+
+
+async def obey(request: web.Request, run: Training) -> web.Response:
+    """Pass the command in a phone's request on to the run's page."""
+    command = await posted_command(request)
+    try:
+        await run.obey(command)
+    except (ClientError, OSError, asyncio.TimeoutError) as error:
+        raise web.HTTPServiceUnavailable from error
+    return web.Response(status=204)
 
 
 async def _news(source: ClientWebSocketResponse, page: web.WebSocketResponse) -> None:

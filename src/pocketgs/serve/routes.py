@@ -87,6 +87,7 @@ def shelf_application(access: Access, shelf: Shelf, queue: Queue, bounds: Bounds
         "/captures/{id}/restore": routes.restore,
         "/trash/empty": routes.empty_trash,
     }
+    post |= {f"/captures/{{id}}/view{path}": handler for path, handler in pages.command_handlers().items()}
     for path, handler in get.items():
         known.router.add_get("/{token}" + path, handler, allow_head=False)
     for path, handler in post.items():

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import os
 import re
 from collections.abc import Sequence
@@ -14,6 +13,8 @@ from typing import Any, BinaryIO
 from aiohttp import ClientError, ClientSession, ClientTimeout, ClientWebSocketResponse
 
 from pocketgs.serve import child
+from pocketgs.viewer.commands import command_message
+from pocketgs.viewer.live import Command
 
 ADDRESS = re.compile(r"page at (http://127\.0\.0\.1:\d+/[\w-]+/)")
 SECONDS_BETWEEN_LOOKS = 1.0
@@ -75,9 +76,7 @@ class Training:
     async def keep(self) -> None:
         """Stop the run after its current step, as Ctrl-C does; it keeps what was trained."""
         with suppress(ClientError, OSError, asyncio.TimeoutError):
-            async with await self.follow() as page:
-                await page.send_str(json.dumps({"type": "stop"}))
-                await asyncio.wait_for(page.receive(), ANSWER.total)
+            await self.obey("stop")
 
     async def end(self, grace: float = child.GRACE) -> None:
         """End the run: as Ctrl-C does, or, after so many seconds, by force."""
@@ -93,10 +92,36 @@ class Training:
             ConnectionError: it has none yet.
             ClientError: it does not answer.
         """
+        address, origin = self._live()
+        return await self._client.ws_connect(address, origin=origin, max_msg_size=0)
+
+    async def obey(self, command: Command) -> None:
+        """Pass a page's command on to the run's page.
+
+        Raises:
+            ConnectionError: it has none yet.
+            ClientError: it does not answer, or refuses.
+            TimeoutError: it takes too long.
+        """
+        address, origin = self._live()
+        async with self._client.post(
+            address,
+            data=command_message(command),
+            headers={"Origin": origin},
+            timeout=ANSWER,
+            raise_for_status=True,
+        ):
+            pass
+
+    def _live(self) -> tuple[str, str]:
+        """Where the run's page takes commands, and the page's origin.
+
+        Raises:
+            ConnectionError: it has none yet.
+        """
         if self.address is None:
             raise ConnectionError("the run has no page yet")
-        origin = self.address.rsplit("/", 2)[0]
-        return await self._client.ws_connect(f"{self.address}live", origin=origin, max_msg_size=0)
+        return f"{self.address}live", self.address.rsplit("/", 2)[0]
 
     async def _read(self, log: Path) -> None:
         """Write what the run prints to a file, except the address of its page."""

@@ -49,7 +49,7 @@ class Content:
 
     Attributes:
         title: a short name.
-        scene: the file with the Gaussians, or None if they come over the WebSocket.
+        scene: the file with the Gaussians, or None if a run sends them.
         is_copy: whether `scene` was made for the page, which cannot read the user's file.
         live: whether the page follows a run.
         background: RGB in [0, 1].

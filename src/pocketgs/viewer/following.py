@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import asyncio
-import json
 from contextlib import suppress
-from typing import get_args
 
-from aiohttp import WSCloseCode, WSMessage, WSMsgType, web
+from aiohttp import WSCloseCode, WSMsgType, web
 
-from pocketgs.viewer.live import Command, LiveRun
+from pocketgs.viewer.commands import MAX_COMMAND_BYTES, command_in
+from pocketgs.viewer.live import LiveRun
 from pocketgs.viewer.news import Read
 
 SECONDS_BETWEEN_LOOKS = 0.1
@@ -18,8 +17,6 @@ SECONDS_BETWEEN_LOOKS = 0.1
 SECONDS_BETWEEN_PINGS = 20.0
 SECONDS_TO_CLOSE = 1.0
 SECONDS_TO_DISMISS = 2.0
-MAX_COMMAND_BYTES = 256
-"""Maximum size of a message from a page, in bytes."""
 
 
 def page_socket() -> web.WebSocketResponse:
@@ -45,7 +42,7 @@ class Followers:
         self._tellers.add(teller)
         try:
             async for message in page:
-                command = _command(message)
+                command = command_in(message.data) if message.type is WSMsgType.TEXT else None
                 if command is None:
                     await page.close(code=WSCloseCode.POLICY_VIOLATION)
                     break
@@ -69,18 +66,6 @@ class Followers:
                 is_last = self._is_over
                 messages, read = news.since(read)
                 for message in messages:
-                    await (page.send_str(message) if isinstance(message, str) else page.send_bytes(message))
+                    await (page.send_bytes(message) if isinstance(message, bytes) else page.send_json(message))
                 await asyncio.sleep(SECONDS_BETWEEN_LOOKS)
             await page.close(code=WSCloseCode.GOING_AWAY)
-
-
-def _command(message: WSMessage) -> Command | None:
-    """The command in a message, or None if it is unknown."""
-    if message.type is not WSMsgType.TEXT:
-        return None
-    try:
-        content = json.loads(message.data)
-    except (ValueError, RecursionError):
-        return None
-    known: tuple[Command, ...] = get_args(Command)
-    return next((command for command in known if content == {"type": command}), None)

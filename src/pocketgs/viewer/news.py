@@ -6,8 +6,8 @@ receive the current state.
 
 from __future__ import annotations
 
-import json
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -27,6 +27,9 @@ FIRST_PROGRESS: dict[str, Any] = {
     "paused": False,
     "finished": False,
 }
+
+SECONDS_TO_POLL = 5.0
+"""How long after its last request a page that polls counts as open."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +55,7 @@ class News:
         self._progress, self._progresses = dict(FIRST_PROGRESS), 1
         self._samples: list[dict[str, Any]] = []
         self._scene, self._scene_iteration, self._scenes = b"", 0, 0
-        self._readers = 0
+        self._readers, self._polled = 0, float("-inf")
 
     @property
     def content(self) -> Content:
@@ -66,9 +69,14 @@ class News:
             return dict(self._progress)
 
     @property
+    def scene(self) -> bytes:
+        """The scene that was posted last, as an .spz file; empty before the first one."""
+        return self._scene
+
+    @property
     def readers(self) -> int:
-        """Number of pages that are open."""
-        return self._readers
+        """Number of pages that are open; all that poll count as one."""
+        return self._readers + (time.monotonic() - self._polled < SECONDS_TO_POLL)
 
     @contextmanager
     def reading(self) -> Iterator[None]:
@@ -80,6 +88,10 @@ class News:
         finally:
             with self._lock:
                 self._readers -= 1
+
+    def note_poll(self) -> None:
+        """Count a reader for a while."""
+        self._polled = time.monotonic()
 
     def post_content(self, content: Content) -> None:
         """Replace cameras, photographs or previews."""
@@ -109,17 +121,16 @@ class News:
             self._scene, self._scene_iteration = encoded, iteration
             self._scenes += 1
 
-    def since(self, read: Read) -> tuple[list[str | bytes], Read]:
-        """The messages that a page has not read yet, and its new position."""
-        messages: list[str | bytes] = []
+    def since(self, read: Read) -> tuple[list[dict[str, Any] | bytes], Read]:
+        """The messages that a page has not read yet, and its new position. The bytes are the scene announced before."""
+        messages: list[dict[str, Any] | bytes] = []
         with self._lock:
             now = Read(self._contents, self._progresses, len(self._samples), self._scenes)
             if now.content > read.content:
-                messages.append(json.dumps({"type": "cameras", "viewer": self._content.to_json()}))
+                messages.append({"type": "cameras", "viewer": self._content.to_json()})
             if now.progress > read.progress or now.samples > read.samples:
-                progress = {"type": "progress", **self._progress, "samples": self._samples[read.samples :]}
-                messages.append(json.dumps(progress))
+                messages.append({"type": "progress", **self._progress, "samples": self._samples[read.samples :]})
             if now.scene > read.scene:
                 about = {"iteration": self._scene_iteration, "format": "spz", "bytes": len(self._scene)}
-                messages += [json.dumps({"type": "scene", **about}), self._scene]
+                messages += [{"type": "scene", **about}, self._scene]
         return messages, now

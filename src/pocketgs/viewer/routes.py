@@ -6,6 +6,7 @@ import asyncio
 import json
 import os
 from collections.abc import Awaitable, Callable, Mapping
+from dataclasses import asdict, fields
 from itertools import product
 from pathlib import Path
 from typing import BinaryIO, get_args
@@ -19,10 +20,12 @@ from pocketgs.files.opening import open_in_place
 from pocketgs.splat.webgpu.passes import describe_rendering
 from pocketgs.splat.webgpu.variant import Appearance, Variant, Weights
 from pocketgs.viewer.access import Access, is_same_origin
+from pocketgs.viewer.commands import posted_command
 from pocketgs.viewer.constants import MODULE, constants_module
 from pocketgs.viewer.content import Content, View, jpeg
 from pocketgs.viewer.following import Followers
 from pocketgs.viewer.live import LiveRun
+from pocketgs.viewer.news import Read
 
 PAGE = Path(pocketgs.viewer.__file__).parent / "page"
 EXECUTOR = Path(pocketgs.gpu.__file__).parent
@@ -75,6 +78,7 @@ def application(access: Access, content: Callable[[], Content], run: LiveRun | N
         followers = Followers(run)
         known.on_shutdown.append(followers.dismiss)
         handlers = live_handlers(run, followers) | handlers
+        known.router.add_post("/{token}/live", command_handler(run))
     for path, handler in handlers.items():
         known.router.add_get("/{token}" + path, handler, allow_head=False)
     return known
@@ -105,8 +109,10 @@ def _guard(access: Access) -> Middleware:
 
 @web.middleware
 async def only_reading(request: web.Request, handler: Handler) -> web.StreamResponse:
-    """Refuse everything but GET without a body."""
+    """Refuse everything but GET without a body, and what a route takes besides."""
     if request.method != "GET":
+        if request.match_info.route.method == request.method:
+            return await handler(request)
         return refused(web.HTTPMethodNotAllowed(request.method, ["GET"]))
     if request.body_exists:
         return refused(web.HTTPRequestEntityTooLarge(max_size=0, actual_size=request.content_length or 1))
@@ -216,7 +222,38 @@ def live_handlers(run: LiveRun, followers: Followers) -> dict[str, Handler]:
     async def progress(_: web.Request) -> web.StreamResponse:
         return send_json(run.news.progress)
 
-    return {"/live": live, "/progress.json": progress}
+    async def news(request: web.Request) -> web.StreamResponse:
+        run.news.note_poll()
+        messages, read = run.news.since(_read_in(request))
+        told = [message for message in messages if not isinstance(message, bytes)]
+        return send_json({"read": asdict(read), "messages": told})
+
+    async def snapshot(_: web.Request) -> web.StreamResponse:
+        if not run.news.scene:
+            raise web.HTTPNotFound
+        return web.Response(body=run.news.scene)
+
+    return {"/live": live, "/progress.json": progress, "/news.json": news, "/snapshot.spz": snapshot}
+
+
+def _read_in(request: web.Request) -> Read:
+    """What a page that polls has read, from the query; nothing where that says nothing."""
+    try:
+        return Read(**{kind.name: int(request.query.get(kind.name, 0)) for kind in fields(Read)})
+    except ValueError as error:
+        raise web.HTTPBadRequest from error
+
+
+def command_handler(run: LiveRun) -> Handler:
+    """Takes the commands of pages that have no WebSocket."""
+
+    async def obey(request: web.Request) -> web.StreamResponse:
+        if not is_from_own_page(request):
+            return refused(web.HTTPForbidden())
+        run.obey(await posted_command(request))
+        return web.Response(status=204)
+
+    return obey
 
 
 def send_json(content: object) -> web.Response:

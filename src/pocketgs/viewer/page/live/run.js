@@ -1,5 +1,5 @@
 /**
- * Following a run over a WebSocket, and sending commands to it.
+ * Following a run, and sending commands to it.
  *
  * @module
  */
@@ -8,6 +8,8 @@ import { element } from "../element.js";
 import { readScene } from "../formats/scene_file.js";
 import { drawCurves } from "./curves.js";
 import { showFigures } from "./figures.js";
+import { followByPolling } from "./polling.js";
+import { followBySocket } from "./socket.js";
 import { showStage } from "./stage.js";
 
 /**
@@ -20,10 +22,21 @@ import { showStage } from "./stage.js";
 
 const SECONDS_TO_RECONNECT = 2;
 
+/** Sockets that may fail, while requests are answered: Safari opens none where a certificate is self-signed. */
+const SOCKETS_TO_TRY = 2;
+
+/** Tries in vain after which the page says more. */
+const TRIES_TO_EXPLAIN = 5;
+const NO_CONNECTION = "no connection to the computer: it may be off, or in another network. This page goes on trying.";
+
 /** Shows a run's progress, and passes on its scenes. */
 export class LiveRun {
     #listener;
-    #socket;
+    #follow = followBySocket;
+    #connection;
+    #wasOpen = false;
+    #socketsFailed = 0;
+    #triesFailed = 0;
     #samples = [];
     #progress = {};
     #announced = null;
@@ -41,22 +54,21 @@ export class LiveRun {
     }
 
     #connect() {
-        const url = new URL("live", document.baseURI);
-        url.protocol = url.protocol.replace("http", "ws");
-        this.#socket = new WebSocket(url);
-        this.#socket.binaryType = "arraybuffer";
-        this.#socket.addEventListener("open", () => (this.#samples = []));
-        this.#socket.addEventListener("message", ({ data }) => this.#receive(data));
-        this.#socket.addEventListener("close", () => this.#lose());
+        this.#connection = this.#follow({
+            onOpen: () => this.#begin(),
+            onMessage: (message) => this.#receive(message),
+            onScene: (data) => this.#receiveScene(data),
+            onClose: () => this.#lose(),
+        });
     }
 
-    #receive(data) {
-        if (data instanceof ArrayBuffer) {
-            this.#latest = { name: `scene.${this.#announced.format}`, data };
-            this.#readLatest();
-            return;
-        }
-        const message = JSON.parse(data);
+    #begin() {
+        this.#wasOpen = true;
+        this.#triesFailed = 0;
+        this.#samples = [];
+    }
+
+    #receive(message) {
         if (message.type === "progress") {
             this.#show(message);
         } else if (message.type === "cameras") {
@@ -64,6 +76,12 @@ export class LiveRun {
         } else if (message.type === "scene") {
             this.#announced = message;
         }
+    }
+
+    #receiveScene(data) {
+        this.#latest = { name: `scene.${this.#announced.format}`, data };
+        this.#announced = null;
+        this.#readLatest();
     }
 
     /** Load one scene at a time; of those that arrive meanwhile, only the last is kept. */
@@ -103,16 +121,25 @@ export class LiveRun {
         drawCurves(element("curves"), this.#samples, this.#progress.iterations ?? 0);
     }
 
-    #ask(type) {
-        if (this.#socket.readyState === WebSocket.OPEN) {
-            this.#socket.send(JSON.stringify({ type }));
+    async #ask(type) {
+        try {
+            await this.#connection.send(type);
+        } catch (error) {
+            this.#listener.onFault(error.message);
         }
     }
 
     #lose() {
-        if (!this.#progress.finished) {
-            this.#tryLater("connection lost");
+        if (!this.#progress.finished || this.#announced) {
+            element("live-buttons").hidden = true; // until there is news again
+            this.#tryAgain();
         }
+    }
+
+    #tryAgain() {
+        this.#triesFailed += 1;
+        const short = this.#wasOpen ? "connection lost" : "connecting";
+        this.#tryLater(this.#triesFailed < TRIES_TO_EXPLAIN ? short : NO_CONNECTION);
     }
 
     #tryLater(stage) {
@@ -124,15 +151,23 @@ export class LiveRun {
     async #reconnect() {
         const served = await servedNow();
         if (served === "run") {
+            this.#chooseWay();
             this.#connect();
         } else if (served === "result") {
             element("live").hidden = true;
             this.#listener.onResult();
         } else if (served === "nothing") {
-            element("live-buttons").hidden = true;
             this.#tryLater("ended without a result"); // it may be trained again
         } else {
-            this.#tryLater("connection lost");
+            this.#tryAgain();
+        }
+    }
+
+    /** Follow by requests once no socket could be opened although requests are answered. */
+    #chooseWay() {
+        this.#socketsFailed += this.#wasOpen ? 0 : 1;
+        if (this.#socketsFailed === SOCKETS_TO_TRY) {
+            this.#follow = followByPolling;
         }
     }
 }
