@@ -421,6 +421,27 @@ def test_submissions_grow_to_what_takes_a_tenth_of_a_second(page: Page, latency:
     assert whole == [False, True, True, False, False]
 
 
+POINTERS = """async () => {
+    const { PointerControls } = await import(new URL("page/controls/pointer.js", document.baseURI));
+    const element = document.createElement("canvas");
+    element.setPointerCapture = () => {}; // the browser knows none of these pointers
+    let turns = 0;
+    new PointerControls(element, { orbit: () => (turns += 1) }, () => {});
+    const send = (type) => element.dispatchEvent(new PointerEvent(type, { pointerId: 7 }));
+    return ["pointerup", "pointercancel", "lostpointercapture"].map((end) => {
+        turns = 0;
+        for (const type of ["pointermove", "pointerdown", "pointermove", end, "pointermove"]) {
+            send(type);
+        }
+        return turns;
+    });
+}"""
+
+
+def test_a_drag_ends_however_the_pointer_goes(page: Page) -> None:
+    assert page.evaluate(POINTERS) == [1, 1, 1]
+
+
 THROTTLE = """async () => {
     const { throttled } = await import(new URL("page/live/throttle.js", document.baseURI));
     const happened = [];

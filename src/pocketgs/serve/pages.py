@@ -8,7 +8,7 @@ from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
-from aiohttp import ClientConnectionError, ClientSession, web
+from aiohttp import ClientSession, web
 
 from pocketgs.errors import PocketGSError
 from pocketgs.results.folder import RECORD, SCENE
@@ -76,7 +76,7 @@ class Pages:
                 return await of_result(request)
             try:
                 return await self._from_run(request, run)
-            except ClientConnectionError:  # it has just ended; what it showed last is in its result
+            except relay.PageGoneError:  # it has just ended; what it showed last is in its result
                 await self._until_ended(request.match_info["id"], run)
                 return await of_result(request)
 

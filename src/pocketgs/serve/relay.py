@@ -3,16 +3,29 @@
 from __future__ import annotations
 
 import asyncio
-from contextlib import suppress
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager, suppress
 from typing import Any
 
-from aiohttp import ClientError, ClientSession, ClientWebSocketResponse, WSMsgType, web
+from aiohttp import (
+    ClientConnectionError,
+    ClientError,
+    ClientResponse,
+    ClientSession,
+    ClientWebSocketResponse,
+    WSMsgType,
+    web,
+)
 
 from pocketgs.serve.training import Training
 from pocketgs.viewer.commands import posted_command
 from pocketgs.viewer.following import page_socket
 
 CHUNK = 1 << 18
+
+
+class PageGoneError(Exception):
+    """A run's page cannot be reached any more."""
 
 
 async def pass_on(request: web.Request, client: ClientSession, run: Training, path: str) -> web.StreamResponse:
@@ -25,9 +38,10 @@ async def pass_on(request: web.Request, client: ClientSession, run: Training, pa
         path: on that page.
 
     Raises:
-        ClientConnectionError: the page is gone.
+        PageGoneError: the page is gone.
+        ConnectionError: the phone is.
     """
-    async with client.get(f"{_address_of(run)}{path}") as answer:
+    async with _asked(client, run, path) as answer:
         response = web.StreamResponse(status=answer.status, headers={"Content-Type": answer.content_type})
         response.content_length = answer.content_length
         await response.prepare(request)
@@ -41,16 +55,23 @@ async def viewer_of(client: ClientSession, run: Training) -> dict[str, Any]:
     """The `viewer.json` of a run's page.
 
     Raises:
-        ClientConnectionError: the page is gone.
+        PageGoneError: the page is gone.
     """
-    async with client.get(f"{_address_of(run)}viewer.json") as answer:
+    async with _asked(client, run, "viewer.json") as answer:
         return dict(await answer.json())
 
 
-def _address_of(run: Training) -> str:
+@asynccontextmanager
+async def _asked(client: ClientSession, run: Training, path: str) -> AsyncIterator[ClientResponse]:
+    """What a run's page answers."""
     if run.address is None:
         raise web.HTTPServiceUnavailable
-    return run.address
+    try:
+        answer = await client.get(f"{run.address}{path}")
+    except ClientConnectionError as error:  # not those of the phone's connection, which have the same type
+        raise PageGoneError from error
+    async with answer:
+        yield answer
 
 
 async def follow(request: web.Request, run: Training) -> web.WebSocketResponse:

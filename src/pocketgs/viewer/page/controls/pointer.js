@@ -28,8 +28,10 @@ export class PointerControls {
         this.#onMove = onMove;
         element.addEventListener("pointerdown", (event) => this.#down(event));
         element.addEventListener("pointermove", (event) => this.#move(event));
-        element.addEventListener("pointerup", (event) => this.#pointers.delete(event.pointerId));
-        element.addEventListener("pointercancel", (event) => this.#pointers.delete(event.pointerId));
+        // A hidden element may lose a pointer without being told that it went up.
+        for (const end of ["pointerup", "pointercancel", "lostpointercapture"]) {
+            element.addEventListener(end, (event) => this.#pointers.delete(event.pointerId));
+        }
         element.addEventListener("wheel", (event) => this.#wheel(event), { passive: false });
         element.addEventListener("contextmenu", (event) => event.preventDefault());
     }
