@@ -110,9 +110,9 @@ def test_page_without_sockets_follows_a_run_to_its_end(written_capture: Path, tm
             assert followed.news.progress["iteration"] == held
             visit["#pause"].click()
             expect(visit["#stage"]).to_have_text("training", timeout=PATIENCE)
+            expect(visit["#iteration"]).not_to_have_text(f"{held} / {OPTIONS.iterations}", timeout=PATIENCE)
             visit["#stop"].click()
             expect(visit["#stage"]).to_have_text("finished", timeout=PATIENCE)
-            expect(visit["#iteration"]).not_to_have_text(f"{held} / {OPTIONS.iterations}")
             expect(visit["#live-buttons"]).to_be_hidden()
             assert [each for each in visit.complaints if "WebGPU" not in each] == []
         finally:
