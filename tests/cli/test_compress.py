@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pocketgs.capture import open_capture
+from pocketgs.capture import Capture, open_capture
 from pocketgs.cli import compressing_run
 from pocketgs.cli.scene_file import as_trained_on
 from pocketgs.compression import candidates
@@ -189,6 +189,34 @@ def test_transients_of_the_run_are_left_out(
     # As with another number of training views.
     write_checkpoint(result / CHECKPOINT, replace(checkpoint, transients=tuple(cells[1:])), {})
     assert all(frame.mask is None for frame in as_trained_on(result, capture).train)
+
+
+@pytest.mark.parametrize("command", ["compress", "distil"])
+def test_the_reading_of_the_run_is_kept(
+    pocketgs: Callable[..., Any],
+    result: Path,
+    written_capture: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    command: str,
+) -> None:
+    """Its background, unless another is given; of other held-out views there is a warning."""
+    record = json.loads((result / "run.json").read_text())
+    record["capture"]["background"] = [1.0, 0.5, 0.25]
+    (result / "run.json").write_text(json.dumps(record))
+    seen: list[Capture] = []
+
+    def stop(_: object, capture: Capture, *__: object) -> None:
+        seen.append(capture)
+        raise PocketGSError("stopped")
+
+    monkeypatch.setattr("pocketgs.cli.compress.photographed", lambda capture: stop(None, capture))
+    monkeypatch.setattr("pocketgs.cli.distil.distil_scene", stop)
+    given = [command, result, written_capture, "--output", tmp_path / "out.pgs"]
+    assert "warning" not in pocketgs(*given).errors
+    outcome = pocketgs(*given, "--background", 0, 0, 0, "--hold-out", 3)
+    assert "was trained on 2 of the 3 views that are held out" in outcome.errors
+    assert [capture.background for capture in seen] == [(1.0, 0.5, 0.25), (0.0, 0.0, 0.0)]
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt(), PocketGSError("compression: it cannot be")])

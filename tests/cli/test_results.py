@@ -114,6 +114,33 @@ def test_eval_of_other_pixels_gives_other_figures(
     assert found["psnr"] != pytest.approx(record_of(result)["psnr"], abs=1e-3)
 
 
+def test_eval_refuses_views_that_were_trained_on(
+    pocketgs: Callable[..., Any], result: Path, written_capture: Path, tmp_path: Path
+) -> None:
+    given = ["eval", result, written_capture, "--hold-out", 3, "--json", tmp_path / "a.json"]
+    outcome = pocketgs(*given)
+    assert outcome.status == 2
+    assert "was trained on 2 of the 3 views that are held out, the first images/0003.png" in outcome.errors
+    assert "its run is '96x72, held out every 8th by name', here it is '96x72, held out every 3rd" in outcome.errors
+    assert not (tmp_path / "a.json").exists()
+    # Of a scene without its run nothing is known.
+    moved = shutil.copy(result / "scene.ply", tmp_path / "scene.ply")
+    assert pocketgs("eval", moved, *given[2:]).status == 0
+
+
+def test_eval_uses_the_background_of_the_run(
+    pocketgs: Callable[..., Any], written_capture: Path, tmp_path: Path
+) -> None:
+    command = ["train", written_capture, "--output", tmp_path / "white", "--iterations", 1, *PLAIN]
+    assert pocketgs(*command, "--background", 1, 1, 1).status == 0
+    figures = []
+    for options in ([], ["--background", 1, 1, 1], ["--background", 0, 0, 0]):
+        pocketgs("eval", tmp_path / "white", written_capture, "--json", tmp_path / "a.json", *options)
+        figures.append(json.loads((tmp_path / "a.json").read_text())["psnr"])
+    assert figures[0] == figures[1] == pytest.approx(record_of(tmp_path / "white")["psnr"], abs=1e-6)
+    assert figures[0] != pytest.approx(figures[2], abs=1e-3)
+
+
 def test_nothing_held_out(pocketgs: Callable[..., Any], result: Path, written_capture: Path) -> None:
     """Nor do pictures of the earlier result stay, which show another scene."""
     outcome = pocketgs("train", written_capture, "--output", result, "--hold-out", 0, "--iterations", 3, *PLAIN)

@@ -14,7 +14,7 @@ from pocketgs.cli.compression_table import closing_lines, figures_table, print_f
 from pocketgs.cli.display import Display
 from pocketgs.cli.output_file import check_place
 from pocketgs.cli.own_views import own_background, own_cameras, trained_cameras
-from pocketgs.cli.scene_file import as_trained_on, capture_of, load_scene, names_scene
+from pocketgs.cli.scene_file import as_trained_on, load_scene, names_scene, read_for
 from pocketgs.cli.terminal import Terminal
 from pocketgs.cli.timed_compression import compress_in_time
 from pocketgs.compression.compress import memory_needed
@@ -116,7 +116,7 @@ def _views(
             memory.
     """
     if capture is not None:
-        opened = as_trained_on(scene, reading.open(capture_of(scene, capture)))
+        opened = as_trained_on(scene, read_for(scene, capture, reading))
         require_memory(scene, memory_needed(original, [frame.camera for frame in opened.train], engine), "compression")
         console.say(*size_warnings(opened, trained_cameras(scene)), style="yellow")
         return photographed(opened)

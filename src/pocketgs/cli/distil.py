@@ -11,7 +11,7 @@ from pocketgs.cli.capture_options import CaptureOptions
 from pocketgs.cli.display import Display
 from pocketgs.cli.output_file import check_place
 from pocketgs.cli.own_views import rendered_capture
-from pocketgs.cli.scene_file import as_trained_on, capture_of, load_scene
+from pocketgs.cli.scene_file import as_trained_on, load_scene, read_for
 from pocketgs.cli.terminal import Terminal
 from pocketgs.files.memory_bound import DEFAULT_MB, memory_bound
 from pocketgs.scene.edits import drawable
@@ -54,7 +54,7 @@ def distil(
             engine = create_engine(options.engine_options)
             opened = rendered_capture(scene, teacher, engine, reading.background)
         else:
-            opened = as_trained_on(scene, reading.open(capture_of(scene, capture)))
+            opened = as_trained_on(scene, read_for(scene, capture, reading))
     with Display(console).showing() as reporter:
         stages: list[str] = []
 

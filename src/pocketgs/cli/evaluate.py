@@ -12,7 +12,7 @@ import tyro
 from pocketgs.cli.capture_options import CaptureOptions
 from pocketgs.cli.run_lines import capture_lines
 from pocketgs.cli.run_result import print_evaluation
-from pocketgs.cli.scene_file import capture_of, drawn_by, in_world_of
+from pocketgs.cli.scene_file import check_unseen, drawn_by, in_world_of, read_for
 from pocketgs.cli.terminal import Terminal
 from pocketgs.errors import PocketGSError
 from pocketgs.files.memory_bound import memory_bound
@@ -43,9 +43,10 @@ def evaluate(
     console = Terminal()
     with memory_bound(engine.max_memory):
         renderer, gaussians = drawn_by(scene, engine)
-        opened = in_world_of(scene, reading.open(capture_of(scene, capture)))
+        opened = in_world_of(scene, read_for(scene, capture, reading))
     if not opened.held_out:
         raise PocketGSError(f"{capture}: no view is held out, expected --hold-out of at least 2")
+    check_unseen(scene, opened)
     names = [f"{name}.png" for name in plain_names(frame.name for frame in opened.held_out)]
     with publishing(pictures, names) if pictures else nullcontext() as staging:
         evaluation = evaluate_held_out(renderer, opened, staging)

@@ -8,11 +8,11 @@ from pocketgs.capture.capture import Capture
 from pocketgs.cli.scene_file import folder_of
 from pocketgs.compression.views import cameras_around, not_too_many, renderings
 from pocketgs.errors import PocketGSError
-from pocketgs.files.json_fields import read_json
 from pocketgs.files.memory_bound import require_memory
 from pocketgs.geometry.camera import Camera
 from pocketgs.results.cameras_file import holds_cameras, read_cameras
-from pocketgs.results.folder import CAMERAS, RECORD
+from pocketgs.results.folder import CAMERAS
+from pocketgs.results.trained_on import trained_on
 from pocketgs.scene.background import BLACK, Background
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.engine import Engine
@@ -42,11 +42,8 @@ def own_cameras(scene: Path, gaussians: Gaussians) -> dict[str, Camera]:
 
 def own_background(scene: Path) -> Background:
     """The background that the run of a scene's result folder was trained with; black without a run."""
-    try:
-        red, green, blue = map(float, read_json(folder_of(scene) / RECORD).values["capture"]["background"])
-    except (PocketGSError, OSError, KeyError, TypeError, ValueError):
-        return BLACK
-    return red, green, blue
+    known = trained_on(folder_of(scene))
+    return known.background if known else BLACK
 
 
 def rendered_capture(scene: Path, gaussians: Gaussians, engine: Engine, background: Background | None) -> Capture:

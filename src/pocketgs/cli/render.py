@@ -12,7 +12,7 @@ from PIL import Image
 
 from pocketgs.capture import Capture
 from pocketgs.cli.capture_options import CaptureOptions
-from pocketgs.cli.scene_file import capture_of, drawn_by, in_world_of
+from pocketgs.cli.scene_file import drawn_by, in_world_of, read_for
 from pocketgs.cli.terminal import Terminal
 from pocketgs.errors import PocketGSError
 from pocketgs.files.memory_bound import memory_bound
@@ -55,7 +55,7 @@ def render(
     """
     with memory_bound(engine.max_memory):
         renderer, _ = drawn_by(scene, engine)
-        opened = in_world_of(scene, reading.open(capture_of(scene, capture)))
+        opened = in_world_of(scene, read_for(scene, capture, reading))
     named_cameras = _cameras(opened, views, frames)
     cameras = [camera for _, camera in named_cameras]
     renderings = (renderer.render(camera, opened.background, show == "depth") for camera in cameras)

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TypeAlias
 
 from pocketgs.capture.capture import Capture
 from pocketgs.capture.open import lacks_poses, video_of
+from pocketgs.cli.capture_options import CaptureOptions
 from pocketgs.cli.terminal import Terminal
 from pocketgs.errors import PocketGSError
 from pocketgs.files.journal import settle
 from pocketgs.results.cameras_file import holds_cameras, with_poses_of
 from pocketgs.results.folder import CAMERAS, RECORD, SCENE, posed_folder
+from pocketgs.results.trained_on import trained_on
 from pocketgs.results.transients import without_transients_of
 from pocketgs.scene.formats import is_scene_name, read_scene
 from pocketgs.scene.gaussians import Gaussians
@@ -19,6 +22,8 @@ from pocketgs.sort_free.drawing import drawing_of
 from pocketgs.sort_free.file import is_sort_free, read_sort_free
 from pocketgs.sort_free.scene import SortFreeScene
 from pocketgs.splat.engine import EngineOptions, Renderer, create_engine
+
+SAME_OPTIONS = "give the options that it was trained with, such as --hold-out"
 
 AnyScene: TypeAlias = Gaussians | SortFreeScene
 """A scene that is drawn sorted, or one that is drawn without sorting."""
@@ -81,6 +86,39 @@ def drawn_by(path: Path, options: EngineOptions) -> tuple[Renderer, int]:
     return engine, len(scene)
 
 
+def read_for(scene: Path, capture: Path, reading: CaptureOptions) -> Capture:
+    """Read the capture of a scene, on the background of the scene's run unless the options have another.
+
+    Args:
+        scene: a scene file or a result folder.
+        capture: as the user named it.
+        reading: options of the command.
+
+    Raises:
+        PocketGSError: the capture or a file of the result cannot be read.
+    """
+    known = trained_on(folder_of(scene))
+    if known and reading.background is None:
+        reading = replace(reading, background=known.background)
+    return reading.open(capture_of(scene, capture))
+
+
+def check_unseen(scene: Path, capture: Capture) -> None:
+    """Refuse held-out views that the scene's run was trained on: they cannot judge it.
+
+    Raises:
+        PocketGSError: there are such views, or a file of the result cannot be read.
+    """
+    overlap = _overlap(scene, capture)
+    if overlap:
+        raise PocketGSError(f"{scene}: {overlap}; expected views that it has not seen: {SAME_OPTIONS}")
+
+
+def _overlap(scene: Path, capture: Capture) -> str | None:
+    known = trained_on(folder_of(scene))
+    return known.overlap(capture) if known else None
+
+
 def in_world_of(path: Path, capture: Capture) -> Capture:
     """The capture with the poses that the scene was trained with, if they differ from the capture's.
 
@@ -94,7 +132,8 @@ def in_world_of(path: Path, capture: Capture) -> Capture:
 def as_trained_on(path: Path, capture: Capture) -> Capture:
     """The capture as `in_world_of` gives it, without the transients that the scene's run has found.
 
-    If the run had other training views, its transients stay, and a warning is printed.
+    If the run had other training views, its transients stay, and a warning is printed. So it is if views are held out
+    that the run was trained on.
 
     Raises:
         PocketGSError: poses or transients cannot be read.
@@ -103,4 +142,7 @@ def as_trained_on(path: Path, capture: Capture) -> Capture:
     def warn(warning: str) -> None:
         Terminal(to_errors=True).say(f"warning: {path}: {warning}", style="yellow")
 
+    overlap = _overlap(path, capture)
+    if overlap:
+        warn(f"{overlap}; figures on them are too good: {SAME_OPTIONS}")
     return without_transients_of(folder_of(path), in_world_of(path, capture), warn)

@@ -17,7 +17,7 @@ import tyro
 
 from pocketgs.cli.capture_options import CaptureOptions
 from pocketgs.cli.run_lines import STAGES
-from pocketgs.cli.scene_file import capture_of, in_world_of, load_any
+from pocketgs.cli.scene_file import in_world_of, load_any, read_for
 from pocketgs.cli.terminal import Terminal
 from pocketgs.errors import PocketGSError
 from pocketgs.files.memory_bound import DEFAULT_MB, memory_bound
@@ -92,7 +92,7 @@ def view(
     with memory_bound(max_memory):
         with reading_inside(scene if scene.is_dir() else None):
             shown = load_any(scene)
-        opened = in_world_of(scene, reading.open(capture_of(scene, capture))) if capture else None
+        opened = in_world_of(scene, read_for(scene, capture, reading)) if capture else None
     if len(shown) == 0:
         raise PocketGSError(f"{scene}: holds no Gaussians, expected at least one")
     is_result = scene.is_dir()

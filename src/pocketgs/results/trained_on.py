@@ -1,0 +1,56 @@
+"""What the run of a result folder was trained on, as its files tell."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from pocketgs.capture.capture import Capture
+from pocketgs.errors import PocketGSError, clipped, counted
+from pocketgs.files.json_fields import read_json
+from pocketgs.results.cameras_file import holds_cameras, read_cameras
+from pocketgs.results.folder import CAMERAS, RECORD
+from pocketgs.scene.background import Background
+
+
+@dataclass(frozen=True)
+class TrainedOn:
+    """What a run was trained on.
+
+    Attributes:
+        background: behind its photographs.
+        views: names of its training views; empty if unknown.
+        protocol: how its photographs were prepared and split, as text.
+    """
+
+    background: Background
+    views: frozenset[str]
+    protocol: str
+
+    def overlap(self, capture: Capture) -> str | None:
+        """Tells that the run was trained on some held-out views of a capture; None if on none of them."""
+        seen = [frame.name for frame in capture.held_out if frame.name in self.views]
+        if not seen:
+            return None
+        held_out = counted(len(capture.held_out), "view that is held out", "views that are held out")
+        return (
+            f"was trained on {len(seen)} of the {held_out}, the first {clipped(seen[0])}: "
+            f"the protocol of its run is {self.protocol!r}, here it is {capture.protocol!r}"
+        )
+
+
+def trained_on(folder: Path) -> TrainedOn | None:
+    """What the run of a result folder was trained on; None if the folder has no record of a run.
+
+    Raises:
+        PocketGSError: the folder's cameras cannot be read.
+    """
+    try:
+        record = read_json(folder / RECORD).values
+        red, green, blue = map(float, record["capture"]["background"])
+        held_out = {str(image["name"]) for image in record["images"]}
+        protocol = str(record["protocol"])
+    except (PocketGSError, OSError, KeyError, TypeError, ValueError):
+        return None
+    known = read_cameras(folder / CAMERAS).cameras if holds_cameras(folder / CAMERAS) else {}
+    return TrainedOn((red, green, blue), frozenset(known) - held_out, protocol)
