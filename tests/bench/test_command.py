@@ -76,6 +76,16 @@ def test_failed_cells_end_the_command_with_2_and_their_names(
     assert "transforms.json" in (tmp_path / "results.md").read_text()
 
 
+def test_common_flags_are_checked_before_any_cell(
+    written_capture: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main([*bench_arguments(written_capture, tmp_path), "--iterations", "0"])
+    assert ended.value.code == 2
+    assert "iterations: found 0" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
 @pytest.mark.parametrize("ends", [KeyboardInterrupt, RuntimeError])
 def test_a_report_that_fails_does_not_hide_what_ended_the_runs(
     ends: type[BaseException],

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from itertools import zip_longest
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -84,12 +85,10 @@ def test_a_failed_cell_does_not_lose_the_others(
     [
         (lambda result: result, True),
         (lambda result: replace(result, error="no memory"), False),
-        (lambda result: replace(result, command="pocketgs train elsewhere"), False),
-        (lambda result: replace(result, sources="0123456789abcdef"), False),
-        (lambda result: replace(result, machine={}), False),
+        (lambda result: replace(result, command="pocketgs train elsewhere", error="no memory"), False),
     ],
 )
-def test_a_failure_replaces_what_it_did_not_repeat(
+def test_a_failure_replaces_only_failures(
     earlier: Callable[[CellResult], CellResult], kept: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     again = job(tmp_path / "fern")
@@ -99,6 +98,39 @@ def test_a_failure_replaces_what_it_did_not_repeat(
     found = session.run_jobs([again], tmp_path, tmp_path, lambda step: None, lambda result: None)
     assert found == [broken]
     assert read_results(tmp_path) == [before if kept else broken]
+
+
+@pytest.mark.parametrize("error", [None, "broken"])
+@pytest.mark.parametrize(
+    "other", [{"command": "pocketgs train elsewhere"}, {"settings": "--iterations 7"}, {"machine": {}}]
+)
+def test_results_of_other_conditions_stay(
+    other: dict[str, Any], error: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each is replaced by its repetition only."""
+    again = job(tmp_path / "fern")
+    before, now = replace(result_of(again), **other), result_of(again, 20.0, error)
+    write_result(tmp_path, before)
+    monkeypatch.setattr(session, "run_cell", lambda cell, work: now)
+    for _ in range(2):
+        session.run_jobs([again], tmp_path, tmp_path, lambda step: None, lambda result: None)
+        assert [result.wall_seconds for result in read_results(tmp_path)] == [20.0, 10.0]
+    assert (tmp_path / "fern.pocketgs.0.json") == write_result(tmp_path, replace(before, wall_seconds=30.0))
+    assert [result.wall_seconds for result in read_results(tmp_path)] == [20.0, 30.0]
+
+
+def test_a_capture_read_in_two_ways_is_in_the_table_if_asked_for(tmp_path: Path) -> None:
+    def of(downscale: str, method: str) -> Job:
+        capture = BenchCapture("fern", tmp_path / "fern", flags=("--downscale", downscale))
+        return Job(METHODS[method], capture, 0, QUICK)
+
+    fox = job(tmp_path / "fox")
+    halves = [result_of(of("2", method)) for method in ("pocketgs", "no-seeding")]
+    results = [*halves, result_of(of("4", "pocketgs")), result_of(fox)]
+    conditions = present_conditions(QUICK)
+    assert session.comparable(results, [fox], conditions) == [results[3]]
+    assert session.comparable([*halves, results[3]], [fox], conditions) == [*halves, results[3]]
+    assert session.comparable(results, [of("2", "no-dense")], conditions) == [*halves, results[3]]
 
 
 def test_a_seed_named_twice_is_refused(tmp_path: Path) -> None:

@@ -1,7 +1,8 @@
-"""Results of benchmark cells on disk: one JSON file per cell."""
+"""Results of benchmark cells on disk: one JSON file per cell, command and conditions."""
 
 from __future__ import annotations
 
+import hashlib
 import json
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -62,6 +63,12 @@ class CellResult:
         """Whether it is of the same cell as another, with the same command and conditions."""
         return (self.cell, self.command, self.conditions) == (other.cell, other.command, other.conditions)
 
+    @property
+    def digest(self) -> str:
+        """Eight hexadecimal digits of the command and the conditions, which tell results of one cell apart."""
+        told = json.dumps([self.command, asdict(self.conditions)], sort_keys=True)
+        return hashlib.sha256(told.encode()).hexdigest()[:8]
+
 
 _KINDS: dict[str, type | tuple[type, ...]] = {
     "command": str,
@@ -77,12 +84,25 @@ _KINDS: dict[str, type | tuple[type, ...]] = {
 
 
 def write_result(folder: Path, result: CellResult) -> Path:
-    """Write a result to the folder, replacing an earlier one of its cell.
+    """Write a result to the folder, where it replaces an earlier one that it repeats.
+
+    Successes stay: a failure does not replace one, and neither does a result of another command or other conditions,
+    which gets a file of its own.
+
+    Returns:
+        The file of the result, or of the success that it does not replace.
 
     Raises:
-        PocketGSError: it cannot be written.
+        PocketGSError: it cannot be written, or a file in the folder is not a result.
     """
-    path = folder / f"{result.cell.name}.json"
+    earlier = {path: read_result(path) for path in _files(folder)}
+    path = next((path for path, found in earlier.items() if result.repeats(found)), None)
+    if path is None:
+        path = folder / f"{result.cell.name}.json"
+        if path in earlier and earlier[path].error is None:
+            path = folder / f"{result.cell.name}.{result.digest}.json"
+    elif result.error is not None and earlier[path].error is None:
+        return path
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with replacing(path) as partial:
@@ -125,5 +145,8 @@ def read_results(folder: Path) -> list[CellResult]:
     Raises:
         PocketGSError: a file is not a result.
     """
-    paths = (path for path in folder.glob("*.json") if not path.name.startswith("."))
-    return sorted(map(read_result, paths), key=lambda result: result.cell)
+    return sorted(map(read_result, _files(folder)), key=lambda result: result.cell)
+
+
+def _files(folder: Path) -> list[Path]:
+    return sorted(path for path in folder.glob("*.json") if not path.name.startswith("."))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -68,18 +69,30 @@ def comparable(results: Sequence[CellResult], jobs: Sequence[Job], conditions: C
         conditions: of the jobs.
 
     Returns:
-        Those with the same conditions; for the jobs' captures, only those that read them in the same way.
+        Those with the same conditions; for the jobs' captures, only those that read them in the same way, and of other
+        captures only those that all results read in one way.
     """
+    alike = [result for result in results if result.conditions == conditions and result.cell.method in METHODS]
+    readings: dict[str, set[str]] = {}
+    for result in alike:
+        readings.setdefault(result.cell.capture, set()).add(_reading(result))
     asked = {job.capture.name: job for job in jobs}
 
     def fits(result: CellResult) -> bool:
         cell = result.cell
-        if result.conditions != conditions or cell.method not in METHODS:
-            return False
         job = asked.get(cell.capture)
-        return job is None or result.command == replace(job, method=METHODS[cell.method], seed=cell.seed).command
+        if job is None:
+            return len(readings[cell.capture]) == 1
+        return result.command == replace(job, method=METHODS[cell.method], seed=cell.seed).command
 
-    return list(filter(fits, results))
+    return list(filter(fits, alike))
+
+
+def _reading(result: CellResult) -> str:
+    """The beginning of a result's command: how it read the capture."""
+    method = shlex.join(METHODS[result.cell.method].flags)
+    rest = (method, result.settings, f"--seed {result.cell.seed}")
+    return result.command.removesuffix(" ".join(filter(None, rest)))
 
 
 def run_jobs(
@@ -91,7 +104,7 @@ def run_jobs(
 ) -> list[CellResult]:
     """Run jobs one after the other, and save each result.
 
-    A failure does not replace an earlier success of the same command and conditions.
+    Earlier successes stay where a result does not repeat them, see `write_result`.
 
     Args:
         jobs: to run.
@@ -108,16 +121,12 @@ def run_jobs(
         KeyboardInterrupt: Ctrl-C; the results so far are kept.
     """
     found = []
-    kept = {result.cell: result for result in read_results(folder)}
     for number, job in enumerate(jobs, start=1):
-        left = seconds_left(jobs[number - 1 :], list(kept.values()))
+        left = seconds_left(jobs[number - 1 :], read_results(folder))
         on_step(Step(job.cell, number, len(jobs), left))
         result = run_cell(job, work)
         found.append(result)
-        earlier = kept.get(job.cell)
-        if result.error is None or earlier is None or earlier.error is not None or not result.repeats(earlier):
-            write_result(folder, result)
-            kept[job.cell] = result
+        write_result(folder, result)
         on_result(result)
     return found
 

@@ -28,7 +28,7 @@ from pocketgs.cli.terminal import Terminal, printable
 from pocketgs.errors import PocketGSError
 from pocketgs.files.atomic_file import replacing
 from pocketgs.splat.engine import EngineName
-from pocketgs.training.options import Effort
+from pocketgs.training.options import Effort, TrainingOptions
 
 
 @dataclass(frozen=True)
@@ -46,6 +46,12 @@ class Everywhere:
     iterations: int = 500
     evaluate_every: int = 50
     engine: EngineName = "auto"
+
+    def __post_init__(self) -> None:
+        # Refuses what would fail in every cell.
+        TrainingOptions(
+            effort=self.effort, iterations=self.iterations, evaluate_every=self.evaluate_every, engine=self.engine
+        )
 
     @property
     def flags(self) -> tuple[str, ...]:
