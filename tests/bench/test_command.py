@@ -86,6 +86,16 @@ def test_common_flags_are_checked_before_any_cell(
     assert list(tmp_path.iterdir()) == []
 
 
+def test_another_report_is_not_replaced(
+    written_capture: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "report.html").write_text("quarterly figures")
+    with pytest.raises(SystemExit) as ended:
+        main(bench_arguments(written_capture, tmp_path))
+    assert ended.value.code == 2
+    assert "report.html: stands in a folder without results, expected another --output" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("ends", [KeyboardInterrupt, RuntimeError])
 def test_a_report_that_fails_does_not_hide_what_ended_the_runs(
     ends: type[BaseException],

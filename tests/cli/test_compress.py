@@ -85,12 +85,12 @@ def test_mistakes_leave_files_alone(
     message: str,
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    Path("out.pgs").write_bytes(b"before")
+    Path("out.pgs").write_bytes(b"PGSC before")
     Path("folder.pgs").mkdir()
     outcome = pocketgs("compress", result, *arguments)
     assert outcome.status == 2
     assert message in outcome.errors
-    assert Path("out.pgs").read_bytes() == b"before"
+    assert Path("out.pgs").read_bytes() == b"PGSC before"
 
 
 def test_distil_notices_a_folder_in_the_way(

@@ -51,6 +51,16 @@ def video_size(path: Path, *, upright: bool = True) -> tuple[int, int]:
         return width, height
 
 
+def video_codec(path: Path) -> str:
+    """Four characters for a video's codec, as FFmpeg names it.
+
+    Raises:
+        PocketGSError: the file is missing or not a readable video.
+    """
+    with _opened(path, upright=False) as video:
+        return int(video.get(cv2.CAP_PROP_FOURCC)).to_bytes(4, "little").decode("ascii", "replace")
+
+
 def read_frames(path: Path, indices: Sequence[int], *, upright: bool = True) -> Iterator[tuple[int, np.ndarray]]:
     """Decode some frames of a video, one at a time.
 

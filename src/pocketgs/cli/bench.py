@@ -30,6 +30,8 @@ from pocketgs.files.atomic_file import replacing
 from pocketgs.splat.engine import EngineName
 from pocketgs.training.options import Effort, TrainingOptions
 
+TABLE, OVERVIEW, REPORT = "results.md", "overview.png", "report.html"
+
 
 @dataclass(frozen=True)
 class Everywhere:
@@ -102,6 +104,7 @@ def bench(
         _print_list(console, known)
         return
     check_report_possible()
+    _check_output(output)
     chosen = captures_named(captures, known, flags_of(reading))
     jobs = plan_jobs(methods_named(methods), chosen, seeds, everywhere.flags)
     conditions = present_conditions(everywhere.flags)
@@ -120,6 +123,17 @@ def bench(
         raise
     _write_report(console, jobs, conditions, output, work)
     _check_failures(found)
+
+
+def _check_output(folder: Path) -> None:
+    """Refuse a folder where a file of other content would be replaced.
+
+    Raises:
+        PocketGSError: a file has the name of a table, a chart or a report, and there are no results for these.
+    """
+    for name in (TABLE, OVERVIEW, REPORT):
+        if (folder / name).exists() and not read_results(folder):
+            raise PocketGSError(f"{folder / name}: stands in a folder without results, expected another --output")
 
 
 def _prepare(console: Terminal, jobs: Sequence[Job], demo: Path) -> None:
@@ -157,7 +171,7 @@ def _write_report(console: Terminal, jobs: Sequence[Job], conditions: Conditions
         console.say(f"{len(kept) - len(results)} results of other versions, machines or settings are left out")
     if not results:
         return
-    table, overview, report = output / "results.md", output / "overview.png", output / "report.html"
+    table, overview, report = output / TABLE, output / OVERVIEW, output / REPORT
     with replacing(table) as partial:
         partial.write_text(markdown_table(results), encoding="utf-8")
     write_overview(results, overview)

@@ -12,7 +12,7 @@ from pocketgs.capture.capture import Capture
 from pocketgs.cli.capture_options import CaptureOptions
 from pocketgs.cli.compression_table import closing_lines, figures_table, print_figures
 from pocketgs.cli.display import Display
-from pocketgs.cli.output_file import check_place
+from pocketgs.cli.output_file import SCENE_FILE, check_place, json_with
 from pocketgs.cli.own_views import own_background, own_cameras, trained_cameras
 from pocketgs.cli.scene_file import as_trained_on, load_scene, names_scene, read_for
 from pocketgs.cli.terminal import Terminal
@@ -32,6 +32,7 @@ from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.engine import Engine, EngineOptions, create_engine
 
 SUFFIX = ".pgs"
+FIGURES = json_with("figures of compress", "photographs", "reported", "figures")
 
 
 def compress(
@@ -58,7 +59,7 @@ def compress(
         engine: Options of the engine.
         reading: Options for reading the capture.
     """
-    _check_names(scene, output, json)
+    _check_names(scene, capture, output, json)
     if capture is None:
         reading.check_without_capture("the capture after the scene", but=("background",))
     console = Terminal()
@@ -92,16 +93,19 @@ def compress(
         write_json(json, {"photographs": views.photographs, "reported": names, "figures": figures})
 
 
-def _check_names(scene: Path, output: Path, json: Path | None) -> None:
+def _check_names(scene: Path, capture: Path | None, output: Path, json: Path | None) -> None:
     """Refuse names that cannot be right before any work.
 
     Raises:
-        PocketGSError: the output is no .pgs, its folder or that of the figures does not exist, or the scene is none.
+        PocketGSError: the output is no .pgs, it or the figures cannot be written where they are to be, or the scene is
+            none.
     """
     if output.suffix.lower() != SUFFIX:
         raise PocketGSError(f"{output}: not the name of a compressed scene, expected one that ends in {SUFFIX}")
-    for file in (output, *([json] if json else [])):
-        check_place(file)
+    inputs = [scene, *([capture] if capture else [])]
+    check_place(output, SCENE_FILE, inputs)
+    if json:
+        check_place(json, FIGURES, inputs)
     if not names_scene(scene):
         raise PocketGSError(f"{scene}: no scene, expected a scene file or a result folder, then the capture")
 

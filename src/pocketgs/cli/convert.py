@@ -10,6 +10,7 @@ from typing import Annotated, Literal, TypeAlias
 import numpy as np
 import tyro
 
+from pocketgs.cli.output_file import SCENE_FILE, check_place
 from pocketgs.cli.scene_file import load_any
 from pocketgs.cli.terminal import Terminal
 from pocketgs.errors import PocketGSError
@@ -61,6 +62,7 @@ def convert(
         max_memory: Megabytes that reading may take; larger files are refused.
     """
     chosen = _chosen_format(output, detail, spz_version)
+    check_place(output, SCENE_FILE, [scene])
     with memory_bound(max_memory):
         original = load_any(scene)
 

@@ -9,7 +9,7 @@ import tyro
 
 from pocketgs.cli.capture_options import CaptureOptions
 from pocketgs.cli.display import Display
-from pocketgs.cli.output_file import check_place
+from pocketgs.cli.output_file import SCENE_FILE, check_place
 from pocketgs.cli.own_views import rendered_capture
 from pocketgs.cli.scene_file import as_trained_on, load_scene, read_for
 from pocketgs.cli.terminal import Terminal
@@ -44,7 +44,7 @@ def distil(
     """
     console = Terminal()
     check_name(output)
-    check_place(output)
+    check_place(output, SCENE_FILE, [scene, *([capture] if capture else [])])
     if capture is None:
         reading.check_without_capture("the capture after the scene", but=("background",))
     with memory_bound(max_memory):

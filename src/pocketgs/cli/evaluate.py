@@ -10,6 +10,7 @@ from typing import Annotated
 import tyro
 
 from pocketgs.cli.capture_options import CaptureOptions
+from pocketgs.cli.output_file import check_place, json_with
 from pocketgs.cli.run_lines import capture_lines
 from pocketgs.cli.run_result import print_evaluation
 from pocketgs.cli.scene_file import check_unseen, drawn_by, in_world_of, read_for
@@ -20,6 +21,8 @@ from pocketgs.files.plain_names import plain_names
 from pocketgs.results.folder import publishing, write_json
 from pocketgs.results.held_out import evaluate_held_out
 from pocketgs.splat.engine import EngineOptions
+
+FIGURES = json_with("figures of eval", "psnr", "protocol", "gaussians", "images")
 
 
 def evaluate(
@@ -41,6 +44,8 @@ def evaluate(
         reading: Options for reading the capture.
     """
     console = Terminal()
+    if json:
+        check_place(json, FIGURES, [scene, capture])
     with memory_bound(engine.max_memory):
         renderer, gaussians = drawn_by(scene, engine)
         opened = in_world_of(scene, read_for(scene, capture, reading))

@@ -11,7 +11,9 @@ import tyro
 from PIL import Image
 
 from pocketgs.capture import Capture
+from pocketgs.capture.open import video_of
 from pocketgs.cli.capture_options import CaptureOptions
+from pocketgs.cli.output_file import VIDEO_FILE, check_replaceable
 from pocketgs.cli.scene_file import drawn_by, in_world_of, read_for
 from pocketgs.cli.terminal import Terminal
 from pocketgs.errors import PocketGSError
@@ -53,6 +55,9 @@ def render(
         engine: Options of the engine.
         reading: Options for reading the capture.
     """
+    is_video = output.suffix.lower() == ".mp4"
+    if is_video:
+        check_replaceable(output, VIDEO_FILE, [scene, video_of(capture)])
     with memory_bound(engine.max_memory):
         renderer, _ = drawn_by(scene, engine)
         opened = in_world_of(scene, read_for(scene, capture, reading))
@@ -60,7 +65,7 @@ def render(
     cameras = [camera for _, camera in named_cameras]
     renderings = (renderer.render(camera, opened.background, show == "depth") for camera in cameras)
     pictures = (_picture(rendering, show) for rendering in renderings)
-    if output.suffix.lower() == ".mp4":
+    if is_video:
         try:
             output.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:

@@ -8,8 +8,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from pocketgs.capture.video_file import video_codec
 from pocketgs.errors import PocketGSError
 from pocketgs.files.atomic_file import replacing
+
+CODEC, DECODED_AS = "mp4v", "FMP4"
+"""MPEG-4 Visual, as OpenCV and as FFmpeg name it."""
 
 SLOWEST, FASTEST = 0.1, 1000.0
 """Range of frame rates; OpenCV hangs at an infinite one."""
@@ -40,6 +44,15 @@ def write_video(path: str | Path, frames: Iterable[np.ndarray], fps: float = 30.
     with replacing(path) as partial:
         count, size = _encode(partial, frames, fps, path)
         _check(partial, count, size, path)
+
+
+def is_written_video(path: Path) -> bool:
+    """Whether a file is a video as `write_video` writes them; cameras use other codecs.
+
+    Raises:
+        PocketGSError: it is not a readable video.
+    """
+    return video_codec(path) == DECODED_AS
 
 
 def _encode(partial: Path, frames: Iterable[np.ndarray], fps: float, path: Path) -> tuple[int, tuple[int, int]]:
@@ -112,7 +125,7 @@ def _has_all_boxes(path: Path) -> bool:
 
 
 def _open(partial: Path, fps: float, size: tuple[int, int], path: Path) -> cv2.VideoWriter:
-    writer = cv2.VideoWriter(str(partial), cv2.VideoWriter.fourcc(*"mp4v"), fps, size)
+    writer = cv2.VideoWriter(str(partial), cv2.VideoWriter.fourcc(*CODEC), fps, size)
     if not writer.isOpened():
         raise PocketGSError(f"{path}: OpenCV cannot write MPEG-4 video of {size[0]}x{size[1]} pixels there")
     return writer
