@@ -67,6 +67,32 @@ def test_absolute_names_are_found_beside_the_model(ring, colmap_files, tmp_path)
     assert [frame.name for frame in read_listing(tmp_path).frames] == [f"dense/images/{name}" for name in ring.names]
 
 
+def test_images_without_lines_of_points(ring, colmap_files, tmp_path):
+    """As other programs write them, with a byte order mark besides; some images may have their points."""
+    ring.write_images(tmp_path / "images")
+    colmap_files.write(tmp_path / "sparse/0", "text")
+    lines = [line for line in colmap_files.text["images"].splitlines() if line.endswith(".png")]
+    lines.insert(5, "1.5 2 -1 3 4 -1 5 6 -1 7 8 -1")
+    for text in ("\n".join(lines), "\n\n".join(lines[:5]) + "\n\n" + "\n".join(lines[6:])):
+        (tmp_path / "sparse/0/images.txt").write_text(text, encoding="utf-8-sig")
+        assert [Path(frame.name).name for frame in read_listing(tmp_path).frames] == ring.names
+
+
+@pytest.mark.parametrize("encoding", ENCODINGS)
+def test_cameras_that_took_no_image_may_be_of_any_model(ring, colmap_files, tmp_path, encoding):
+    ring.write_images(tmp_path / "images")
+    colmap_files.write(tmp_path, encoding)
+    if encoding == "text":
+        path = tmp_path / "cameras.txt"
+        path.write_text("9 FOV 16 12 20 20 8 6 0.1\n" + path.read_text())
+    else:
+        path = tmp_path / "cameras.bin"
+        (count,) = struct.unpack_from("<Q", path.read_bytes())
+        fov = struct.pack("<iiQQ5d", 9, 7, 16, 12, 20, 20, 8, 6, 0.1)
+        path.write_bytes(struct.pack("<Q", count + 1) + fov + path.read_bytes()[8:])
+    assert len(read_listing(tmp_path).frames) == len(ring.names)
+
+
 def test_preferred_over_llff_when_complete(ring, colmap_files, tmp_path):
     ring.write_images(tmp_path / "images")
     colmap_files.write(tmp_path / "sparse/0")

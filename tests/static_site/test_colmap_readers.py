@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import struct
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -49,6 +50,29 @@ def test_colmap_cameras(call: Call, ring: Ring, colmap_files: ColmapFiles, tmp_p
     colmap_files.write(tmp_path / "sparse" / "0", "text")
     (tmp_path / "sparse" / "0" / "cameras.txt").write_text(line + "\n")
     (tmp_path / "images_8" / ring.names[3]).unlink()
+    assert_same(call, tmp_path)
+
+
+def test_images_without_lines_of_points(call: Call, ring: Ring, colmap_files: ColmapFiles, tmp_path: Path) -> None:
+    ring.write_images(tmp_path / "images")
+    colmap_files.write(tmp_path / "sparse/0", "text")
+    lines = [line for line in colmap_files.text["images"].splitlines() if line.endswith(".png")]
+    (tmp_path / "sparse/0/images.txt").write_text("\n".join(lines), encoding="utf-8-sig")
+    assert_same(call, tmp_path)
+
+
+@pytest.mark.parametrize("encoding", ["binary", "text"])
+def test_a_camera_of_another_model_that_took_no_image(
+    call: Call, ring: Ring, colmap_files: ColmapFiles, tmp_path: Path, encoding: str
+) -> None:
+    ring.write_images(tmp_path / "images")
+    colmap_files.write(tmp_path, encoding)
+    text, binary = tmp_path / "cameras.txt", tmp_path / "cameras.bin"
+    if encoding == "text":
+        text.write_text("9 FOV 16 12 20 20 8 6 0.1\n" + text.read_text())
+    else:
+        fov = struct.pack("<iiQQ5d", 9, 7, 16, 12, 20, 20, 8, 6, 0.1)
+        binary.write_bytes(struct.pack("<Q", 2) + fov + binary.read_bytes()[8:])
     assert_same(call, tmp_path)
 
 

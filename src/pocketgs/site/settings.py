@@ -9,7 +9,7 @@ import numpy as np
 
 from pocketgs.capture.cloud_file import UNKNOWN_COLOUR
 from pocketgs.capture.formats.colmap import IMAGE_FOLDERS, MODEL_FOLDERS, MODELS_BESIDE
-from pocketgs.capture.formats.colmap_model import CAMERA_MODELS
+from pocketgs.capture.formats.colmap_model import CAMERA_MODELS, UNSUPPORTED_MODELS
 from pocketgs.capture.formats.polycam import UNDISTORTION_BORDER
 from pocketgs.capture.formats.transforms_file import (
     DEFAULT_DEPTH_UNIT,
@@ -129,6 +129,7 @@ def _capture() -> dict[str, Any]:
             {"number": number, "name": model.name, "parameters": model.parameters, "fisheye": model.fisheye}
             for number, model in CAMERA_MODELS.items()
         ],
+        "unsupported_models": [{"number": number, "parameters": count} for number, count in UNSUPPORTED_MODELS.items()],
         "model_folders": MODEL_FOLDERS,
         "models_beside": MODELS_BESIDE,
         "image_folders": IMAGE_FOLDERS,

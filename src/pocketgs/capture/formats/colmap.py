@@ -56,7 +56,7 @@ def read(path: Path, images: str | None = None) -> Listing:
         PocketGSError: a file is malformed, a camera model is not supported, or no registered image exists.
     """
     model = _choose_model(path, images)
-    cameras = colmap_files.read_cameras(model.folder)
+    cameras = colmap_files.read_cameras(model.folder, {image.camera_id for image in model.images})
     if not model.images:
         raise PocketGSError(f"{model.folder}: registers no image, expected at least one")
     around, folder = _folder_around(model.folder, path), _image_folder(path, model.folder, images)

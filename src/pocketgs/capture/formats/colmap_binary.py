@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Collection
 from pathlib import Path
 
 import numpy as np
 
 from pocketgs.capture.formats.colmap_model import (
     CAMERA_MODELS,
+    UNSUPPORTED_MODELS,
     ColmapCamera,
     ColmapImage,
     camera_from_parameters,
@@ -72,11 +74,15 @@ class _Cursor:
         return PocketGSError(f"{self.path}: ends after {len(self.data)} bytes, in the middle of an item")
 
 
-def read_cameras(path: Path) -> dict[int, ColmapCamera]:
+def read_cameras(path: Path, used: Collection[int] | None = None) -> dict[int, ColmapCamera]:
     """Read a cameras.bin: cameras by id.
 
+    Args:
+        path: of the file.
+        used: ids of the cameras that must be read, None for all. Others are left out if their model is not supported.
+
     Raises:
-        PocketGSError: the file is truncated, or a camera model is not supported.
+        PocketGSError: the file is truncated, or the model of a used camera is not supported, or that of any is unknown.
     """
     cursor = _Cursor(path)
     cameras = {}
@@ -84,6 +90,9 @@ def read_cameras(path: Path) -> dict[int, ColmapCamera]:
         camera_id, model_id, width, height = cursor.unpack(CAMERA_HEADER)
         where = f"{path}, camera {camera_id}"
         model = CAMERA_MODELS.get(model_id)
+        if model is None and used is not None and camera_id not in used and model_id in UNSUPPORTED_MODELS:
+            cursor.skip(8 * UNSUPPORTED_MODELS[model_id])
+            continue
         if model is None:
             raise unknown_model(where, f"number {model_id}")
         values = cursor.unpack(struct.Struct(f"<{len(model.parameters)}d"))

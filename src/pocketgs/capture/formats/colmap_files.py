@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from pathlib import Path
 
 import numpy as np
@@ -19,8 +20,12 @@ def find_part(folder: Path, part: str) -> Path | None:
     return next((path for path in candidates if path.is_file()), None)
 
 
-def read_cameras(folder: Path) -> dict[int, ColmapCamera]:
+def read_cameras(folder: Path, used: Collection[int] | None = None) -> dict[int, ColmapCamera]:
     """Read the model's cameras by id; empty if the folder has no such file.
+
+    Args:
+        folder: of the model.
+        used: ids of the cameras that must be read, None for all. Others are left out if their model is not supported.
 
     Raises:
         PocketGSError: the file is malformed.
@@ -28,7 +33,7 @@ def read_cameras(folder: Path) -> dict[int, ColmapCamera]:
     path = find_part(folder, "cameras")
     if path is None:
         return {}
-    return (colmap_binary if path.suffix == ".bin" else colmap_text).read_cameras(path)
+    return (colmap_binary if path.suffix == ".bin" else colmap_text).read_cameras(path, used)
 
 
 def read_images(folder: Path) -> list[ColmapImage]:

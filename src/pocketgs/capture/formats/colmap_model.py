@@ -25,7 +25,7 @@ class CameraModel:
     fisheye: bool = False
 
 
-# By the model's number in cameras.bin. Unsupported models have no entry.
+# By the model's number in cameras.bin.
 CAMERA_MODELS = {
     0: CameraModel("SIMPLE_PINHOLE", ("f", "cx", "cy")),
     1: CameraModel("PINHOLE", ("fx", "fy", "cx", "cy")),
@@ -37,6 +37,9 @@ CAMERA_MODELS = {
     8: CameraModel("SIMPLE_RADIAL_FISHEYE", ("f", "cx", "cy", "k1"), fisheye=True),
     9: CameraModel("RADIAL_FISHEYE", ("f", "cx", "cy", "k1", "k2"), fisheye=True),
 }
+
+UNSUPPORTED_MODELS = {7: 5, 10: 12, 11: 16, 12: 4, 13: 5, 14: 3, 15: 4, 16: 6, 17: 2}
+"""COLMAP's other models: by number, how many parameters follow in cameras.bin."""
 
 
 @dataclass(frozen=True)

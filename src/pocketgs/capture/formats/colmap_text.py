@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -21,11 +21,15 @@ from pocketgs.scene.point_cloud import PointCloud
 MODELS_BY_NAME = {model.name: model for model in CAMERA_MODELS.values()}
 
 
-def read_cameras(path: Path) -> dict[int, ColmapCamera]:
+def read_cameras(path: Path, used: Collection[int] | None = None) -> dict[int, ColmapCamera]:
     """Read a cameras.txt, cameras by id: CAMERA_ID MODEL WIDTH HEIGHT PARAMETERS….
 
+    Args:
+        path: of the file.
+        used: ids of the cameras that must be read, None for all. Others are left out if their model is not supported.
+
     Raises:
-        PocketGSError: a line is malformed, or a camera model is not supported.
+        PocketGSError: a line is malformed, or the model of a used camera is not supported.
     """
     cameras = {}
     for where, line in _content(_lines(path)):
@@ -33,9 +37,11 @@ def read_cameras(path: Path) -> dict[int, ColmapCamera]:
         if len(words) < 4:
             raise _malformed(where, line, "CAMERA_ID MODEL WIDTH HEIGHT PARAMETERS")
         model = MODELS_BY_NAME.get(words[1])
-        if model is None:
-            raise unknown_model(where, words[1])
         camera_id, width, height = _integers([words[0], words[2], words[3]], where)
+        if model is None:
+            if used is not None and camera_id not in used:
+                continue
+            raise unknown_model(where, words[1])
         values = _numbers(words[4:], where)
         if len(values) != len(model.parameters):
             raise _malformed(where, line, f"{len(model.parameters)} parameters for {model.name}")
@@ -47,21 +53,39 @@ def read_images(path: Path) -> list[ColmapImage]:
     """Read the registered images of an images.txt, two lines each.
 
     The first is IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, the second lists the image's points and may be empty.
+    Other programs leave the second out.
 
     Raises:
         PocketGSError: a line is malformed.
     """
-    images = []
-    lines = _lines(path)
-    for where, line in _content(lines):
+    images: list[ColmapImage] = []
+    is_second = False
+    for where, line in _lines(path):
+        if is_second and not _is_of_an_image(line):
+            is_second = False
+            continue
+        if not _is_content(line):
+            continue
         words = line.split(maxsplit=9)
         if len(words) < 10:
             raise _malformed(where, line, "IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME")
         pose = np.array(_numbers(words[1:8], where))
         (camera_id,) = _integers([words[8]], where)
         images.append(ColmapImage(words[9], camera_id, pose[:4], pose[4:]))
-        next(lines, None)
+        is_second = True
     return images
+
+
+def _is_of_an_image(line: str) -> bool:
+    """Whether a line ends in a name. The tenth word of one that lists points is a coordinate."""
+    words = line.split()
+    if len(words) < 10:
+        return False
+    try:
+        float(words[9])
+    except ValueError:
+        return True
+    return False
 
 
 def read_points(path: Path) -> PointCloud:
@@ -83,7 +107,7 @@ def read_points(path: Path) -> PointCloud:
 def _lines(path: Path) -> Iterator[tuple[str, str]]:
     """Every line with its position, for error messages."""
     try:
-        text = read_bytes(path).decode("utf-8")
+        text = read_bytes(path).decode("utf-8-sig")
     except OSError as error:
         raise PocketGSError(f"{path}: cannot be read ({error.strerror})") from error
     except UnicodeDecodeError as error:
@@ -93,7 +117,11 @@ def _lines(path: Path) -> Iterator[tuple[str, str]]:
 
 
 def _content(lines: Iterator[tuple[str, str]]) -> Iterator[tuple[str, str]]:
-    return ((where, line) for where, line in lines if line and not line.startswith("#"))
+    return ((where, line) for where, line in lines if _is_content(line))
+
+
+def _is_content(line: str) -> bool:
+    return bool(line) and not line.startswith("#")
 
 
 def _numbers(words: list[str], where: str) -> list[float]:

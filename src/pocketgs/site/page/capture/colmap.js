@@ -33,7 +33,7 @@ export async function read(tree, bounds) {
     const model = await chosenModel(tree, bounds);
     const where = model.folder || ".";
     const [reader, cameraFile] = findPart(tree, model.folder, "cameras");
-    const cameras = await reader.readCameras(cameraFile, bounds.camera_models);
+    const cameras = await reader.readCameras(cameraFile, bounds, new Set(model.images.map(({ cameraId }) => cameraId)));
     if (!model.images.length) {
         throw new Error(`${where}: registers no image, expected at least one`);
     }

@@ -63,8 +63,13 @@ class Cursor {
     }
 }
 
-/** @type {(file: StoredFile, models: CameraModel[]) => Promise<Map<number, ColmapCamera>>} */
-export async function readCameras(file, models) {
+/**
+ * @param {StoredFile} file
+ * @param {{camera_models: CameraModel[], unsupported_models: {number: number, parameters: number}[]}} bounds
+ * @param {Set<number>} used cameras that must be read; others are left out if their model is not supported
+ * @returns {Promise<Map<number, ColmapCamera>>}
+ */
+export async function readCameras(file, { camera_models: models, unsupported_models: unsupported }, used) {
     const cursor = new Cursor(await file.bytes(), file.path);
     const cameras = new Map();
     for (let left = cursor.count(CAMERA_BYTES); left > 0; left--) {
@@ -72,6 +77,11 @@ export async function readCameras(file, models) {
         const size = [cursor.long(), cursor.long()];
         const where = `${file.path}, camera ${id}`;
         const model = models.find((one) => one.number === number);
+        const other = unsupported.find((one) => one.number === number);
+        if (!model && other && !used.has(id)) {
+            cursor.doubles(other.parameters);
+            continue;
+        }
         if (!model) {
             throw unknownModel(where, `number ${number}`, models);
         }

@@ -13,8 +13,13 @@ import { cameraFrom, unknownModel } from "./colmap_model.js";
  * @typedef {import("./colmap_model.js").ColmapImage} ColmapImage
  */
 
-/** @type {(file: StoredFile, models: CameraModel[]) => Promise<Map<number, ColmapCamera>>} */
-export async function readCameras(file, models) {
+/**
+ * @param {StoredFile} file
+ * @param {{camera_models: CameraModel[]}} bounds
+ * @param {Set<number>} used cameras that must be read; others are left out if their model is not supported
+ * @returns {Promise<Map<number, ColmapCamera>>}
+ */
+export async function readCameras(file, { camera_models: models }, used) {
     const cameras = new Map();
     for (const [where, line] of content(await linesOf(file))) {
         const words = line.split(/\s+/);
@@ -22,6 +27,9 @@ export async function readCameras(file, models) {
             throw malformed(where, line, "CAMERA_ID MODEL WIDTH HEIGHT PARAMETERS");
         }
         const model = models.find(({ name }) => name === words[1]);
+        if (!model && !used.has(Number(words[0]))) {
+            continue;
+        }
         if (!model) {
             throw unknownModel(where, words[1], models);
         }
@@ -34,11 +42,18 @@ export async function readCameras(file, models) {
     return cameras;
 }
 
-/** Two lines each, the second of which lists points. @type {(file: StoredFile) => Promise<ColmapImage[]>} */
+/** Two lines each, the second of which lists points; other programs leave it out. @type {(file: StoredFile) => Promise<ColmapImage[]>} */
 export async function readImages(file) {
     const images = [];
-    const lines = (await linesOf(file))[Symbol.iterator]();
-    for (const [where, line] of content(lines)) {
+    let isSecond = false;
+    for (const [where, line] of await linesOf(file)) {
+        if (isSecond && !isOfAnImage(line)) {
+            isSecond = false;
+            continue;
+        }
+        if (!isContent(line)) {
+            continue;
+        }
         const words = line.split(/\s+/);
         if (words.length < 10) {
             throw malformed(where, line, "IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME");
@@ -46,9 +61,15 @@ export async function readImages(file) {
         const [, ...values] = numbers(words.slice(0, 9), where);
         const name = /^(?:\S+\s+){9}(.*)$/.exec(line)[1];
         images.push({ name, cameraId: values[7], quaternion: values.slice(0, 4), translation: values.slice(4, 7) });
-        lines.next();
+        isSecond = true;
     }
     return images;
+}
+
+/** Whether a line ends in a name: the tenth word of one that lists points is a coordinate. */
+function isOfAnImage(line) {
+    const words = line.split(/\s+/);
+    return words.length >= 10 && Number.isNaN(Number(words[9]));
 }
 
 /** @type {(file: StoredFile) => Promise<import("./listing.js").Cloud>} */
@@ -70,16 +91,9 @@ async function linesOf(file) {
     return (await file.text()).split("\n").map((line, i) => [`${file.path}, line ${i + 1}`, line.trim()]);
 }
 
-function* content(lines) {
-    // Not `for … of`, which would end an iterator that the caller also advances.
-    const iterator = lines[Symbol.iterator]();
-    for (let next = iterator.next(); !next.done; next = iterator.next()) {
-        const [where, line] = next.value;
-        if (line && !line.startsWith("#")) {
-            yield [where, line];
-        }
-    }
-}
+const content = (lines) => lines.filter(([, line]) => isContent(line));
+
+const isContent = (line) => line && !line.startsWith("#");
 
 function numbers(words, where) {
     return words.map((word) => {
