@@ -15,7 +15,7 @@ from pocketgs.gpu import adapters as adapters_module
 from pocketgs.gpu.adapters import NEEDED, Adapter, adapters, choose_adapter, has_gpu
 from pocketgs.gpu.device import forget_device, open_device, shared_device
 from pocketgs.scene.gaussians import Gaussians
-from pocketgs.splat.engine import EngineOptions, create_engine
+from pocketgs.splat.engine import EngineName, EngineOptions, chosen_engine, create_engine
 from pocketgs.splat.webgpu.engine import WebGpuEngine
 from splat.training_step import camera_in_front
 
@@ -101,13 +101,22 @@ def test_a_gpu_is_chosen_by_part_of_its_name(adapter: Adapter, monkeypatch: pyte
     assert choose_adapter("LLVMpipe").is_software
 
 
-def test_an_unknown_name_is_refused_with_what_was_found(adapter: Adapter) -> None:
+@pytest.mark.parametrize("engine", ["auto", "webgpu"])
+def test_an_unknown_name_is_refused_with_what_was_found(adapter: Adapter, engine: EngineName) -> None:
     with pytest.raises(PocketGSError) as refusal:
-        create_engine(EngineOptions("webgpu", gpu="no such thing"))
+        create_engine(EngineOptions(engine, gpu="no such thing"))
     message = str(refusal.value)
     assert "'no such thing'" in message
     assert adapter.name in message
     assert "\n" not in message
+
+
+def test_a_name_chooses_the_engine_too(adapter: Adapter, monkeypatch: pytest.MonkeyPatch) -> None:
+    pretend(monkeypatch, as_software(adapter))
+    assert chosen_engine(EngineOptions()) == "cpu"
+    assert chosen_engine(EngineOptions(gpu="llvm")) == "webgpu"
+    with pytest.raises(PocketGSError, match="gpu 'llvm': not used by engine cpu"):
+        chosen_engine(EngineOptions("cpu", gpu="llvm"))
 
 
 def test_without_any_adapter_the_cpu_is_left(monkeypatch: pytest.MonkeyPatch) -> None:

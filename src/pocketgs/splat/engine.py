@@ -153,7 +153,7 @@ class EngineOptions:
     Attributes:
         engine: "auto" uses a GPU if there is one, else the CPU; "webgpu" accepts software adapters too.
         threads: maximum number of CPU threads, or None for one per core.
-        gpu: part of the name of the GPU to use, or None for the best.
+        gpu: part of the name of the GPU to use, not with engine "cpu"; None for the best.
         precision: of projected splats and of the replay cache on the GPU.
         replay: whether the GPU's backward pass recomputes the forward pass's values, or reads them from a cache.
         accumulation: how gradients of a GPU's tiles are summed: "ordered" gives the same bits every time; "atomic"
@@ -204,13 +204,20 @@ def create_engine(options: EngineOptions | None = None) -> Engine:
 
 
 def chosen_engine(options: EngineOptions) -> DeviceName:
-    """The name of the engine, with "auto" resolved.
+    """The name of the engine, with "auto" resolved: a GPU that is named is used, whatever it is.
 
     Raises:
-        PocketGSError: the name is unknown.
+        PocketGSError: the name is unknown, or a GPU is named that is not there or that the engine does not use.
     """
     if options.engine not in ENGINES:
         raise PocketGSError(f"engine {options.engine!r}: not known, expected one of {', '.join(ENGINES)}")
+    if options.gpu is not None:
+        if options.engine == "cpu":
+            raise PocketGSError(f"gpu {options.gpu!r}: not used by engine cpu, expected --engine webgpu or auto with it")
+        from pocketgs.gpu.adapters import choose_adapter
+
+        choose_adapter(options.gpu)
+        return "webgpu"
     return "webgpu" if options.engine == "webgpu" or (options.engine == "auto" and _has_gpu()) else "cpu"
 
 
