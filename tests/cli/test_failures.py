@@ -158,7 +158,8 @@ def test_options_of_a_capture_that_is_not_given(
     refused: Callable[..., str], result: Path, tmp_path: Path, options: list[str]
 ) -> None:
     output = ["--output", tmp_path / "out.pgs"]
-    for command in (["view", result, "--no-open"], ["compress", result, *output], ["distil", result, *output]):
+    commands = [["view", result, "--no-open"], ["compress", result, *output], ["distil", result, *output]]
+    for command in (*commands, ["info", result], ["info", "--devices"]):
         message = refused(*command, *options)
         assert f"{options[0]} concerns the reading of a capture: expected " in message
 

@@ -71,8 +71,8 @@ def test_paths(rendered: Callable[..., Any], small_capture: Capture, views: str)
 
 def test_video(pocketgs: Callable[..., Any], result: Path, written_capture: Path, tmp_path: Path) -> None:
     file = tmp_path / "deep" / "orbit.mp4"
-    command = ["render", result, written_capture, "--frames", 6, "--fps", 12, "--output"]
-    assert pocketgs(*command, file).status == 0
+    command = ["render", result, written_capture, "--frames", 6, "--output"]
+    assert pocketgs(*command, file, "--fps", 12).status == 0
     assert pocketgs(*command, tmp_path / "pictures").status == 0
     assert [path.name for path in file.parent.iterdir()] == ["orbit.mp4"]
     video = cv2.VideoCapture(str(file))
@@ -82,6 +82,29 @@ def test_video(pocketgs: Callable[..., Any], result: Path, written_capture: Path
         assert found
         assert psnr(cv2.cvtColor(frame, cv2.COLOR_BGR2RGB), picture) > 25
     assert not video.read()[0]
+
+
+@pytest.mark.parametrize(
+    ("output", "options", "message"),
+    [
+        ("film.MOV", [], "film.MOV: cannot be written, expected a name that ends in .mp4, or that of a folder"),
+        ("film.gif", [], "cannot be written"),
+        ("view.png", [], "cannot be written"),
+        (
+            "views",
+            ["--views", "train", "--frames", 9],
+            "--frames concerns an orbit or a path: expected --views orbit or",
+        ),
+        ("views", ["--fps", 9], "--fps concerns a video: expected an output that ends in .mp4 with it"),
+    ],
+)
+def test_what_is_refused_before_the_work(
+    pocketgs: Callable[..., Any], tmp_path: Path, output: str, options: list[object], message: str
+) -> None:
+    outcome = pocketgs("render", "no result", "no capture", "--output", tmp_path / output, *options)
+    assert outcome.status == 2
+    assert message in outcome.errors
+    assert not (tmp_path / output).exists()
 
 
 def test_depth_and_alpha_are_grey(rendered: Callable[..., Any], small_capture: Capture) -> None:

@@ -52,6 +52,9 @@ def test_serve_until_ctrl_c(tmp_path: Path) -> None:
         (["--max-upload", "0"], "max upload: found 0, expected at least 1 MB"),
         (["--port", "70000", "--no-host"], "port 70000: found 70000"),
         (["--iterations", "0"], "iterations: found 0"),
+        (["--downscale", "0.5"], "downscale 0.5, expected a factor of at least 1"),
+        (["--hold-out", "1"], "hold_out_every 1, expected 0 (none) or at least 2"),
+        (["--engine", "cpu", "--gpu", "voodoo"], "gpu 'voodoo': not used by engine cpu"),
     ],
 )
 def test_options(tmp_path: Path, arguments: list[str], sentence: str, capsys: pytest.CaptureFixture[str]) -> None:

@@ -104,6 +104,7 @@ def bench(
         _print_list(console, known)
         return
     check_report_possible()
+    reading.check()
     _check_output(output)
     chosen = captures_named(captures, known, flags_of(reading))
     jobs = plan_jobs(methods_named(methods), chosen, seeds, everywhere.flags)

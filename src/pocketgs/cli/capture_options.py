@@ -50,6 +50,14 @@ class CaptureOptions:
         Terminal(to_errors=True).say(*warnings, style="yellow")
         return capture
 
+    def check(self) -> None:
+        """Refuse options that are out of range, where a capture is read later.
+
+        Raises:
+            PocketGSError: one is.
+        """
+        check_options(self.downscale, self.max_size, self.background, self.lens, self.hold_out)
+
     def check_without_poses(self, path: Path, made: Path) -> None:
         """Refuse options that cannot be right for photographs or a video, before poses are sought for minutes.
 
@@ -61,7 +69,7 @@ class CaptureOptions:
             PocketGSError: an option is out of range, images are chosen by folder, the named masks are not there, or a
                 video's masks cannot be its own.
         """
-        check_options(self.downscale, self.max_size, self.background, self.lens, self.hold_out)
+        self.check()
         if self.images is not None:
             raise PocketGSError(
                 f"{path}: has no poses, so that --images {self.images} has nothing to choose from: leave it out, and "

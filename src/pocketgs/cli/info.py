@@ -35,6 +35,8 @@ def info(
         reading: Options for reading a capture.
     """
     lines = []
+    if path is None or names_scene(path):
+        reading.check_without_capture("the path of one")
     if path is not None:
         with memory_bound(max_memory):
             lines += _path_lines(path, reading)

@@ -12,19 +12,25 @@ from PIL import Image
 
 from pocketgs.capture import Capture
 from pocketgs.capture.open import video_of
+from pocketgs.capture.video_file import VIDEO_SUFFIXES
 from pocketgs.cli.capture_options import CaptureOptions
 from pocketgs.cli.output_file import VIDEO_FILE, check_replaceable
 from pocketgs.cli.scene_file import drawn_by, in_world_of, read_for
 from pocketgs.cli.terminal import Terminal
 from pocketgs.errors import PocketGSError
 from pocketgs.files.memory_bound import memory_bound
+from pocketgs.files.paths import IMAGE_SUFFIXES
 from pocketgs.files.plain_names import plain_names
 from pocketgs.geometry.camera import Camera
 from pocketgs.results.folder import publishing
 from pocketgs.results.video import write_video
 from pocketgs.splat.engine import EngineOptions, Rendering
 
-MAX_FRAMES = 100_000
+VIDEO = ".mp4"
+OTHER_FILES = (VIDEO_SUFFIXES - {VIDEO}) | {".gif", ".mpg", ".mpeg", ".wmv", ".flv", ".ogv"} | IMAGE_SUFFIXES
+"""Suffixes of names that mean a file which cannot be written, and no folder."""
+
+FRAMES, FPS, MAX_FRAMES = 120, 30.0, 100_000
 
 Views = Literal["held-out", "train", "orbit", "path"]
 Show = Literal["colour", "depth", "alpha"]
@@ -36,8 +42,8 @@ def render(
     output: Path,
     views: Views = "orbit",
     show: Show = "colour",
-    frames: int = 120,
-    fps: float = 30.0,
+    frames: int = FRAMES,
+    fps: float = FPS,
     engine: EngineOptions = EngineOptions(),  # noqa: B008 - a frozen dataclass
     reading: CaptureOptions = CaptureOptions(),  # noqa: B008 - a frozen dataclass
 ) -> None:
@@ -46,7 +52,7 @@ def render(
     Args:
         scene: A scene file (.ply, .pgs, .spz, .glb …), or a result folder.
         capture: The capture whose cameras are used: its folder, or its transforms.json.
-        output: A folder for numbered PNGs, or a video if it ends in .mp4.
+        output: A folder for PNGs, or a video if it ends in .mp4.
         views: The capture's held-out or training views, an orbit around its subject, or a smooth path through its
             training views.
         show: Colour, expected depth (near is bright) or alpha.
@@ -55,7 +61,8 @@ def render(
         engine: Options of the engine.
         reading: Options for reading the capture.
     """
-    is_video = output.suffix.lower() == ".mp4"
+    is_video = output.suffix.lower() == VIDEO
+    _check_options(output, is_video, views, frames, fps)
     if is_video:
         check_replaceable(output, VIDEO_FILE, [scene, video_of(capture)])
     with memory_bound(engine.max_memory):
@@ -74,6 +81,20 @@ def render(
     else:
         _write_pictures(output, [name for name, _ in named_cameras], pictures)
     Terminal().say(f"{len(cameras)} views in {output}")
+
+
+def _check_options(output: Path, is_video: bool, views: Views, frames: int, fps: float) -> None:
+    """Refuse a file that cannot be written, and options that would have no effect.
+
+    Raises:
+        PocketGSError: there is one.
+    """
+    if output.suffix.lower() in OTHER_FILES and not output.is_dir():
+        raise PocketGSError(f"{output}: cannot be written, expected a name that ends in {VIDEO}, or that of a folder")
+    if frames != FRAMES and views not in ("orbit", "path"):
+        raise PocketGSError("--frames concerns an orbit or a path: expected --views orbit or path with it")
+    if fps != FPS and not is_video:
+        raise PocketGSError(f"--fps concerns a video: expected an output that ends in {VIDEO} with it, not {output}")
 
 
 def _cameras(capture: Capture, views: Views, frames: int) -> list[tuple[str, Camera]]:

@@ -13,6 +13,7 @@ from pocketgs.cli.flags import flags_of
 from pocketgs.cli.terminal import Terminal
 from pocketgs.cli.view import PageOptions, announce, wait_for_ctrl_c
 from pocketgs.errors import PocketGSError
+from pocketgs.splat.engine import chosen_engine
 from pocketgs.training.options import Effort, TrainingOptions
 
 
@@ -36,6 +37,8 @@ def serve(
 
     if max_upload < 1:
         raise PocketGSError(f"max upload: found {max_upload}, expected at least 1 MB")
+    reading.check()
+    chosen_engine(training.engine_options)
     efforts: tuple[Effort, ...] = get_args(Effort)
     flags: dict[str, tuple[str, ...]] = {
         effort: (*flags_of(reading), *flags_of(replace(training, effort=effort))) for effort in efforts

@@ -213,7 +213,7 @@ def chosen_engine(options: EngineOptions) -> DeviceName:
         raise PocketGSError(f"engine {options.engine!r}: not known, expected one of {', '.join(ENGINES)}")
     if options.gpu is not None:
         if options.engine == "cpu":
-            raise PocketGSError(f"gpu {options.gpu!r}: not used by engine cpu, expected --engine webgpu or auto with it")
+            raise PocketGSError(f"gpu {options.gpu!r}: not used by engine cpu, expected --engine auto or webgpu")
         from pocketgs.gpu.adapters import choose_adapter
 
         choose_adapter(options.gpu)
