@@ -14,6 +14,7 @@ from pocketgs.capture import open_capture
 from pocketgs.capture.open import lacks_poses, read_listing
 from pocketgs.capture.unposed import find_photographs
 from pocketgs.errors import PocketGSError
+from pocketgs.files.paths import is_folder_of_photographs
 
 
 @pytest.mark.parametrize(
@@ -86,7 +87,7 @@ def test_one_folder_too_high(write_transforms, tmp_path):
     (tmp_path / "__MACOSX").mkdir()
     (outer / "images/._view_00.png").write_bytes(b"\0\5\x16\7")
     capture = open_capture(tmp_path)
-    assert "using the one in its folder unpacked" in capture.warnings[0]
+    assert "using the one in it, unpacked" in capture.warnings[0]
     assert len(capture.frames) == 10
     assert not lacks_poses(tmp_path)
     shutil.copytree(outer, tmp_path / "second")
@@ -101,6 +102,53 @@ def test_photographs_in_the_only_folder_of_photographs(ring, tmp_path):
     assert lacks_poses(tmp_path)
     ring.write_images(tmp_path / "more")
     assert find_photographs(tmp_path) == []
+
+
+def test_photographs_as_cameras_nest_them(ring, tmp_path):
+    ring.write_images(tmp_path / "card/DCIM/100APPLE")
+    ring.write_images(tmp_path / "card/MISC/thumbs")
+    assert [path.name for path in find_photographs(tmp_path / "card")] == ring.names
+    assert lacks_poses(tmp_path / "card")
+    ring.write_images(tmp_path / "card/DCIM/101APPLE")
+    assert find_photographs(tmp_path / "card") == []
+    with pytest.raises(PocketGSError, match=r"several folders, DCIM/100APPLE \(10\), DCIM/101APPLE \(10\): move them"):
+        open_capture(tmp_path / "card")
+    # Those that are less deep are meant.
+    ring.write_images(tmp_path / "card/best")
+    assert {path.parent.name for path in find_photographs(tmp_path / "card")} == {"best"}
+
+
+@pytest.mark.parametrize(
+    ("name", "is_one"),
+    [
+        ("conference room", True),
+        ("Segovia", True),
+        ("normandy", True),
+        ("depths of the sea", False),
+        *((name, False) for name in ("masks", "Mask_2", "masked_images", "depth", "depthmaps", "depth2", "conf")),
+        *((name, False) for name in ("confidence", "seg", "segmentation_x", "normals", "labels", "thumbnails")),
+        *((name, False) for name in ("previews", "held_out", "transients", ".hidden", "__MACOSX")),
+    ],
+)
+def test_folders_of_other_pictures_are_told_by_whole_words(tmp_path, name, is_one):
+    (tmp_path / name).mkdir()
+    assert is_folder_of_photographs(tmp_path / name) == is_one
+
+
+@pytest.mark.parametrize("kind", ["nerfstudio", "colmap"])
+def test_images_by_an_absolute_path(ring, write_transforms, colmap_files, tmp_path, tmp_path_factory, kind):
+    folder = write_transforms() if kind == "nerfstudio" else tmp_path / "scan"
+    if kind == "colmap":
+        colmap_files.write(folder / "sparse/0")
+    ring.write_images(folder / "images_2")
+    link = tmp_path_factory.mktemp("links") / "link"
+    link.symlink_to(folder)
+    for given, images in [(folder, folder), (link, folder), (folder, link)]:
+        frames = read_listing(given, str(images / "images_2")).frames
+        assert {frame.name.partition("/")[0] for frame in frames} == {"images_2"}
+    for images, said in [("/elsewhere/images_2", "lies outside the capture's folder"), ("images_3", "no such folder")]:
+        with pytest.raises(PocketGSError, match=f"{images}: {said}"):
+            read_listing(folder, images)
 
 
 def test_a_picture_beside_the_photographs(ring, tmp_path):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import struct
 import zipfile
 from pathlib import Path
@@ -40,6 +41,17 @@ def test_an_archive_whose_names_begin_with_its_folder(written_phones, tmp_path):
     for frame, other in zip(expected, found, strict=True):
         np.testing.assert_array_equal(frame.image, other.image)
         np.testing.assert_array_equal(frame.depth, other.depth)
+
+
+def test_a_folder_stands_for_the_only_archive_in_it(written_phones, tmp_path):
+    archive = zip_folder(written_phones["record3d"], tmp_path / "walk.r3d")
+    (tmp_path / "._walk.r3d").write_bytes(b"\0\5\x16\7")
+    capture = open_capture(tmp_path)
+    assert (capture.name, capture.format) == (tmp_path.name, "record3d")
+    assert "using the one in it, walk.r3d" in capture.warnings[0]
+    shutil.copy(archive, tmp_path / "run.r3d")
+    with pytest.raises(PocketGSError, match=r"several recordings, run\.r3d, walk\.r3d: name one"):
+        open_capture(tmp_path)
 
 
 def test_intrinsics_of_each_frame_prevail(copied_phone):

@@ -57,7 +57,7 @@ def refused(
         (["--max-size", "0"], "max_size 0, expected at least 1"),
         (["--background", "0", "0", "2"], "background: found (0.0, 0.0, 2.0), expected three numbers from 0 to 1"),
         (["--hold-out", "1"], "hold_out_every 1, expected 0 (none) or at least 2"),
-        (["--images", "images_99"], "none of the 8 listed frames has an image file"),
+        (["--images", "images_99"], "images_99: no such folder, expected one with the images that"),
         # Too small for SSIM: to be found out before training, not after.
         (["--max-size", "10"], "a held-out view of 10x8 pixels, expected at least 11"),
     ],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Protocol, get_args
@@ -136,11 +137,11 @@ def read_listing(path: Path, images: str | None = None) -> Listing:
     try:
         place = located(path)
         with reading_inside(folder_of(place)):
-            listing = _reader_for(place).read(place, images)
+            listing = _reader_for(place).read(place, _relative(images, folder_of(place)))
     except OSError as error:  # such as a folder without permission
         raise PocketGSError(f"{path}: cannot be read ({error})") from error
     if place != path:
-        found = f"{path}: not a capture itself, using the one in its folder {place.name}"
+        found = f"{path}: not a capture itself, using the one in it, {place.name}"
         listing = replace(listing, warnings=(found, *listing.warnings))
     names = [frame.name for frame in listing.frames]
     if not names:
@@ -149,6 +150,22 @@ def read_listing(path: Path, images: str | None = None) -> Listing:
         repeated = next(name for name in names if names.count(name) > 1)
         raise PocketGSError(f"{path}: lists the image {repeated} more than once, expected each once")
     return near_origin(listing)
+
+
+def _relative(images: str | None, folder: Path | None) -> str | None:
+    """The option as a path in the capture's folder, which readers expect: an absolute one may lead there too.
+
+    Raises:
+        PocketGSError: it is absolute and leads elsewhere.
+    """
+    if images is None or folder is None or not Path(images).is_absolute():
+        return images
+    stated, leads_to = Path(os.path.normpath(images)), Path(images).resolve()
+    for named, around in ((stated, folder.absolute()), (leads_to, folder.resolve())):
+        if named.is_relative_to(around):
+            return named.relative_to(around).as_posix()
+    expected = "expected the option images to name a folder inside it, such as images_8"
+    raise PocketGSError(f"{images}: lies outside the capture's folder {folder}, {expected}")
 
 
 def holds_capture(path: Path) -> bool:
@@ -172,7 +189,7 @@ def video_of(path: Path) -> Path:
 
 
 def located(path: Path) -> Path:
-    """The path itself, or, if it is not a capture, the only folder in it that is one.
+    """The path itself, or, if it is not a capture, the only folder or .r3d file in it that is one.
 
     Unpacking an archive often creates a folder that contains only the capture's folder.
 
@@ -181,7 +198,8 @@ def located(path: Path) -> Path:
     """
     if not path.is_dir() or holds_capture(path) or find_photographs_in(path):
         return path
-    captures = [folder for folder in sorted(path.iterdir()) if folder.is_dir() and holds_capture(folder)]
+    inner = (entry for entry in sorted(path.iterdir()) if entry.is_dir() or record3d.is_archive(entry))
+    captures = [entry for entry in inner if holds_capture(entry)]
     return captures[0] if len(captures) == 1 else path
 
 

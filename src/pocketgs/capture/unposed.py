@@ -19,14 +19,18 @@ def is_video(path: Path) -> bool:
 def find_photographs(folder: Path) -> list[Path]:
     """The photographs directly in a folder or in its folder `images`, wherever there are more, sorted by name.
 
-    A few pictures beside `images` are a cover or notes. Without either, those of the only folder in it that contains
-    photographs.
+    A few pictures beside `images` are a cover or notes. Without either, those of the only folder of
+    `photographs_by_folder`.
     """
-    found = max(map(find_photographs_in, (folder, folder / USUAL_FOLDER)), key=len)
+    found = _in_usual_places(folder)
     if found:
         return found
     holding = list(photographs_by_folder(folder).values())
     return holding[0] if len(holding) == 1 else []
+
+
+def _in_usual_places(folder: Path) -> list[Path]:
+    return max(map(find_photographs_in, (folder, folder / USUAL_FOLDER)), key=len)
 
 
 def find_photographs_in(folder: Path) -> list[Path]:
@@ -35,9 +39,20 @@ def find_photographs_in(folder: Path) -> list[Path]:
 
 
 def photographs_by_folder(folder: Path) -> dict[Path, list[Path]]:
-    """The photographs in the folders of a folder, by inner folder, sorted; those without photographs are left out."""
-    inner = [path for path in sorted(folder.iterdir()) if is_folder_of_photographs(path)] if folder.is_dir() else []
-    return {path: found for path in inner if (found := find_photographs_in(path))}
+    """The photographs in the folders of a folder, or else in the folders of these, as cameras nest them: DCIM/100APPLE.
+
+    By inner folder, sorted; those without photographs are left out.
+    """
+    return _in_folders(folder) or dict(item for path in _inner(folder) for item in _in_folders(path).items())
+
+
+def _in_folders(folder: Path) -> dict[Path, list[Path]]:
+    return {path: found for path in _inner(folder) if (found := find_photographs_in(path))}
+
+
+def _inner(folder: Path) -> list[Path]:
+    """The folders in a folder that may hold photographs."""
+    return [path for path in sorted(folder.iterdir()) if is_folder_of_photographs(path)] if folder.is_dir() else []
 
 
 def videos_in(folder: Path) -> list[Path]:
@@ -51,7 +66,7 @@ def only_video(folder: Path) -> Path | None:
 
     None if there is no such, or if the folder or one in it holds photographs too.
     """
-    if find_photographs(folder) or photographs_by_folder(folder):
+    if _in_usual_places(folder) or _in_folders(folder):
         return None
     videos = videos_in(folder)
     if not videos and folder.is_dir():

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from pocketgs.capture.formats import record3d
 from pocketgs.capture.unposed import photographs_by_folder, videos_in
 from pocketgs.errors import counted, listed
-from pocketgs.files.paths import UNREAD_SUFFIXES
+from pocketgs.files.paths import UNREAD_SUFFIXES, relative_name
 
 ARCHIVE_SUFFIXES = frozenset({".zip", ".7z", ".rar", ".tar", ".gz", ".tgz", ".bz2", ".xz"})
 MAX_NAMES = 4
@@ -22,10 +23,13 @@ def what_is_there(path: Path) -> str:
         return "it is an archive: unpack it first" if _is_archive(path) else ""
     by_folder, videos = photographs_by_folder(path), videos_in(path)
     if len(by_folder) > 1:
-        sizes = [f"{folder.name} ({len(photographs)})" for folder, photographs in by_folder.items()]
+        sizes = [f"{relative_name(folder, path)} ({len(found)})" for folder, found in by_folder.items()]
         return f"it holds photographs in several folders, {listed(sizes, MAX_NAMES)}: move them to one, or name one"
     if len(videos) > 1:
         return f"it holds several videos, {listed([video.name for video in videos], MAX_NAMES)}: name one"
+    recordings = [file.name for file in sorted(path.iterdir()) if record3d.is_archive(file)]
+    if len(recordings) > 1:
+        return f"it holds several recordings, {listed(recordings, MAX_NAMES)}: name one"
     archives = [file.name for file in sorted(path.iterdir()) if _is_archive(file)]
     if archives:
         return f"it holds {listed(archives, MAX_NAMES)}: unpack archives first"

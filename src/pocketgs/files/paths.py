@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import zipfile
 from importlib.util import find_spec
 from pathlib import Path
@@ -23,8 +24,11 @@ UNREAD_SUFFIXES = (
 )
 """Suffixes of pictures that are not read, such as cameras' raw data."""
 
-OTHER_PICTURES = ("mask", "depth", "conf", "normal", "seg", "label", "thumb", "preview", "held_out", ".", "__")
-"""Prefixes of folders whose images share photographs' names but are not photographs."""
+OTHER_PICTURES = (
+    r"(mask(ed)?|depth|conf(idence)?|normal|seg(ment(ation)?)?|label|thumb(nail)?|preview)(map|image)?s?(?![a-z])"
+    r"|held_out|transients|\.|__"
+)
+"""How the names of folders begin whose images share photographs' names but are not photographs."""
 
 
 def inside(folder: Path, name: str, named_in: str) -> Path:
@@ -95,4 +99,4 @@ def is_image(path: Path) -> bool:
 
 def is_folder_of_photographs(path: Path) -> bool:
     """Whether a folder holds photographs, judging by its name."""
-    return path.is_dir() and not path.name.lower().startswith(OTHER_PICTURES)
+    return path.is_dir() and not re.match(OTHER_PICTURES, path.name.lower())

@@ -64,8 +64,13 @@ class Recording:
 def recognises(path: Path) -> bool:
     """Whether the path is a .r3d file, an unpacked one, or an export as EXR and JPG."""
     if path.is_file():
-        return path.suffix.lower() == ".r3d"
+        return is_archive(path)
     return _is_unpacked(path) or _is_export(path)
+
+
+def is_archive(path: Path) -> bool:
+    """Whether the path is a .r3d file, and not one of the hidden files that macOS adds."""
+    return path.suffix.lower() == ".r3d" and not path.name.startswith(".") and path.is_file()
 
 
 def read(path: Path, images: str | None = None) -> Listing:

@@ -14,7 +14,7 @@ from pocketgs.capture.named_images import find_images, find_moved, find_stated
 from pocketgs.capture.poses import camera_at, world_to_camera_from_opengl
 from pocketgs.errors import PocketGSError, short
 from pocketgs.files.json_fields import Fields
-from pocketgs.files.paths import relative_name
+from pocketgs.files.paths import inside, relative_name
 from pocketgs.geometry.camera import Camera
 from pocketgs.geometry.lens import PINHOLE, Lens
 
@@ -113,6 +113,9 @@ def _without_file(kind: str, named: Sequence[str | None], found: Sequence[object
 
 def _in_other_folder(folder: Path, images: str, named: Sequence[str], where: str) -> list[Path | None]:
     """The files in the folder `images`, whose sub-folders are those of the stated first folder, or are none."""
+    place = inside(folder, images, "the images option")
+    if not place.is_dir():
+        raise PocketGSError(f"{place}: no such folder, expected one with the images that {where} lists")
     paths = [PureWindowsPath(name) for name in named]  # with either separator
     below = ["/".join(part for part in path.parts[1:] if part != "..") or path.name for path in paths]
     mirrored = find_stated(folder, [f"{images}/{name}" for name in below], where, EXTENSIONS_TRIED)

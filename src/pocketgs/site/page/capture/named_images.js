@@ -22,7 +22,7 @@ import { isImage } from "./image_header.js";
  * @param {string[]} named stated paths, relative to the folder
  * @param {string} where the file that states them, for messages
  * @param {string[]} suffixes to try at the end of each
- * @param {{deepest: number, other_pictures: string[]}} bounds the settings' `capture`
+ * @param {{deepest: number, other_pictures: string}} bounds the settings' `capture`
  * @param {(folder: string) => boolean} leaveOut whether the search by name leaves out a folder
  * @returns {[(StoredFile | undefined)[], string[]]} the files, undefined where missing, and warnings
  * @throws {Error} a path leaves the folder, and not every image is found by its name
@@ -124,8 +124,9 @@ function rankOf(path, stated) {
 }
 
 /** Paths of all images below a folder, except in folders of masks, depths and the like. */
-function imagesBelow(tree, folder, { deepest, other_pictures: prefixes }, leaveOut) {
-    const isOther = (place) => prefixes.some((prefix) => nameOf(place).toLowerCase().startsWith(prefix));
+function imagesBelow(tree, folder, { deepest, other_pictures: beginning }, leaveOut) {
+    const others = new RegExp(`^(?:${beginning})`);
+    const isOther = (place) => others.test(nameOf(place).toLowerCase());
     const first = folder === "" ? "" : `${folder}/`;
     const byFolder = grouped(tree.paths.filter((path) => path.startsWith(first) && isImage(path)), folderOf);
     const searched = [...byFolder.keys()].filter((place) => {
