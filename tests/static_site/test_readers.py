@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image
 from playwright.sync_api import Error
-from plyfile import PlyData
+from plyfile import PlyData, PlyElement
 
 from capture.conftest import ColmapFiles, Ring
 from static_site.reading import assert_same, assert_same_refusal, assert_same_warnings, read
@@ -224,6 +224,16 @@ def test_depth_maps_that_are_absent(call: Call, capture_folder: Path) -> None:
 
     assert_same(call, changed(capture_folder, change))
     assert [frame["depth"] is None for frame in read(call, capture_folder)["frames"][:3]] == [False, True, True]
+
+
+@pytest.mark.parametrize(("kind", "full"), [("u2", 65535), ("u2", 255), ("f4", 1), ("f4", 255)])
+def test_colours_of_clouds(call: Call, capture_folder: Path, kind: str, full: int) -> None:
+    vertices = PlyData.read(str(capture_folder / "cloud.ply"), mmap=False)["vertex"].data
+    types = [(name, kind if name in ("red", "green", "blue") else "f4") for name in vertices.dtype.names]
+    columns = [vertices[name] * (full / 255 if kind == of else 1) for name, of in types]
+    restated = np.rec.fromarrays(columns, dtype=types)
+    PlyData([PlyElement.describe(np.asarray(restated), "vertex")]).write(str(capture_folder / "cloud.ply"))
+    assert_same(call, capture_folder)
 
 
 def test_text_clouds_without_colours(call: Call, capture_folder: Path) -> None:

@@ -12,12 +12,15 @@ from pocketgs.files.ply_file import read_vertices
 from pocketgs.scene.point_cloud import PointCloud
 
 UNKNOWN_COLOUR = 0.5
+LARGEST_FRACTION = 2.0
+"""Float colours are fractions up to here: interpolation may exceed 1 by a little."""
 
 
 def read_cloud(path: Path) -> PointCloud | None:
     """Read the vertices of a .ply file with fields x, y, z and optionally red, green, blue; None if there are none.
 
-    Integer colours are 0 to 255, float colours 0 to 1. Without colours, points are grey.
+    Bytes of colours are 0 to 255, larger integers up to their type's maximum, floats 0 to 1; values that are all below
+    256 are 0 to 255 in any type. Without colours, points are grey.
 
     Raises:
         PocketGSError: the file cannot be read, has no such vertices, or a coordinate is not finite or too large.
@@ -39,5 +42,12 @@ def _colours(vertices: np.ndarray) -> np.ndarray:
     if not all(name in (vertices.dtype.names or ()) for name in names):
         return np.full((len(vertices), 3), UNKNOWN_COLOUR)
     colours = np.stack([vertices[name] for name in names], axis=1)
-    scale = 255.0 if colours.dtype.kind in "ui" else 1.0
-    return np.clip(np.nan_to_num(colours / scale), 0, 1)
+    return np.clip(np.nan_to_num(colours / _full(colours)), 0, 1)
+
+
+def _full(colours: np.ndarray) -> float:
+    """What full colour is in numbers of this type."""
+    most = np.max(colours, initial=0, where=np.isfinite(colours))
+    if colours.dtype.kind == "f":
+        return 255.0 if most > LARGEST_FRACTION else 1.0
+    return 255.0 if most <= 255 else float(np.iinfo(colours.dtype).max)

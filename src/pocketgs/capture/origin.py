@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 FAR = 1000.0
 """Cameras are far if their distance exceeds this many times their extent: the resolution is then a tenth of a pixel."""
 
+ONE_POINT = 1e-14
+"""Cameras that extend less than this fraction of their distance are all at one point, which tells no scale."""
+
 METRIC_EXTENT = 1.0
 """Minimum extent of metric captures: within a kilometre of the origin they are not moved."""
 
@@ -48,6 +51,8 @@ def near_origin(listing: Listing) -> Listing:
 def middle_if_far(centres: np.ndarray, metric: bool) -> Origin | None:
     """The middle of the cameras, rounded to a power of ten of about their extent; None if the origin is near enough.
 
+    It is, whatever the distance, if all cameras are at one point.
+
     Args:
         centres: (N, 3) of the cameras.
         metric: whether lengths are metres.
@@ -55,9 +60,9 @@ def middle_if_far(centres: np.ndarray, metric: bool) -> Origin | None:
     middle = np.median(centres, axis=0)
     extent = max(float(np.abs(centres - middle).max()), METRIC_EXTENT if metric else 0.0)
     distance = float(np.abs(middle).max())
-    if distance <= FAR * extent:
+    if distance <= FAR * extent or extent <= ONE_POINT * distance:
         return None
-    digits = -math.floor(math.log10(extent if extent > 0 else distance / FAR))
+    digits = -math.floor(math.log10(extent))
     x, y, z = (round(float(value), digits) for value in middle)
     return x, y, z
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from pocketgs.capture.cloud_file import UNKNOWN_COLOUR
+from pocketgs.capture.cloud_file import LARGEST_FRACTION, UNKNOWN_COLOUR
 from pocketgs.capture.formats.colmap import IMAGE_FOLDERS, MODEL_FOLDERS, MODELS_BESIDE
 from pocketgs.capture.formats.colmap_model import CAMERA_MODELS, UNSUPPORTED_MODELS
 from pocketgs.capture.formats.polycam import UNDISTORTION_BORDER
@@ -22,7 +22,7 @@ from pocketgs.capture.hold_out import HOLD_OUT_EVERY
 from pocketgs.capture.loading import ASPECT_TOLERANCE, PLANE_ASPECT_TOLERANCE
 from pocketgs.capture.masks import FOLDERS
 from pocketgs.capture.named_images import DEEPEST
-from pocketgs.capture.origin import FAR, METRIC_EXTENT
+from pocketgs.capture.origin import FAR, METRIC_EXTENT, ONE_POINT
 from pocketgs.capture.poses import (
     ARKIT_PIXEL_CENTRE,
     MAX_COORDINATE,
@@ -153,6 +153,8 @@ def _capture() -> dict[str, Any]:
         "max_intrinsic": MAX_INTRINSIC,
         "min_focal_length": MIN_FOCAL_LENGTH,
         "far": FAR,
+        "one_point": ONE_POINT,
+        "largest_fraction": LARGEST_FRACTION,
         "metric_extent": METRIC_EXTENT,
         "unknown_colour": UNKNOWN_COLOUR,
         "border_samples": BORDER_SAMPLES,

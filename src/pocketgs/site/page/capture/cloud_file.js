@@ -33,16 +33,32 @@ export async function readCloud(file, bounds) {
     const numberAt = found(bytes, header, rows, file);
     const positions = new Float64Array(3 * count);
     const colours = new Float32Array(3 * count).fill(bounds.unknown_colour);
-    const full = hasColour ? COLOUR.map((name) => (properties.get(name).type.startsWith("Float") ? 1 : 255)) : [];
+    const full = hasColour ? fullColour(properties, numberAt, count, bounds) : 1;
     for (let i = 0; i < count; i++) {
         for (let axis = 0; axis < 3; axis++) {
             positions[3 * i + axis] = numberAt(i, POSITION[axis]);
             if (hasColour) {
-                colours[3 * i + axis] = Math.min(Math.max(numberAt(i, COLOUR[axis]) / full[axis] || 0, 0), 1);
+                colours[3 * i + axis] = Math.min(Math.max(numberAt(i, COLOUR[axis]) / full || 0, 0), 1);
             }
         }
     }
     return soundCloud({ positions, colours }, file, bounds);
+}
+
+/** What full colour is in numbers of the colours' type; see `capture/cloud_file.py`. */
+function fullColour(properties, numberAt, count, { largest_fraction: fraction }) {
+    let most = 0;
+    for (let i = 0; i < count; i++) {
+        for (const name of COLOUR) {
+            const value = numberAt(i, name);
+            most = Number.isFinite(value) ? Math.max(most, value) : most;
+        }
+    }
+    const [kind, bits] = /^(Float|Uint|Int)(\d+)$/.exec(properties.get(COLOUR[0]).type).slice(1);
+    if (kind === "Float") {
+        return most > fraction ? 255 : 1;
+    }
+    return most <= 255 ? 255 : 2 ** (kind === "Int" ? bits - 1 : bits) - 1;
 }
 
 function inBinary(bytes, { bytes: start, format }, { count, properties, stride }, { path }) {
