@@ -24,9 +24,7 @@ def test_unknown_format_lists_what_was_looked_for(tmp_path):
 
 def test_what_is_there_is_named(tmp_path):
     (tmp_path / "scan.zip").touch()
-    with pytest.raises(
-        PocketGSError, match=r"supported format: it is an archive: unpack it first\. Looked for photogr"
-    ):
+    with pytest.raises(PocketGSError, match=r"supported format: it is an archive: unpack it first$"):
         open_capture(tmp_path / "scan.zip")
 
 

@@ -96,6 +96,15 @@ def test_uncorrected_keyframes_are_the_fallback(small_capture, tmp_path):
     assert "corrected_images" in read_listing(tmp_path).frames[0].name
 
 
+@pytest.mark.parametrize("suffix", [".JPG", ".jpeg"])
+def test_keyframes_of_another_suffix(copied_phone, suffix):
+    folder = copied_phone("polycam")
+    names = [frame.name for frame in read_listing(folder).frames]
+    for image in sorted((folder / "keyframes/corrected_images").iterdir()):
+        image.rename(image.with_suffix(suffix))
+    assert [frame.name for frame in read_listing(folder).frames] == [f"{name[:-4]}{suffix}" for name in names]
+
+
 def test_keyframes_without_an_image(copied_phone):
     folder = copied_phone("polycam")
     images = sorted((folder / "keyframes/corrected_images").iterdir())

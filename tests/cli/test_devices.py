@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,12 @@ def test_lists_what_this_machine_has(pocketgs: Callable[..., Any]) -> None:
     cpu = outcome.output.splitlines()[-1]
     assert cpu.startswith("CPU engine: ")
     assert ("used by engine auto" in cpu) == (not has_gpu())
+
+
+def test_version(pocketgs: Callable[..., Any]) -> None:
+    outcome = pocketgs("--version")
+    assert (outcome.status, outcome.output, outcome.errors) == (0, f"pocketgs {version('pocketgs')}\n", "")
+    assert "--version" in pocketgs("--help").output
 
 
 def test_beside_a_path(pocketgs: Callable[..., Any], written_capture: Path) -> None:

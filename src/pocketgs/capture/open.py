@@ -211,9 +211,10 @@ def _reader_for(path: Path) -> Reader:
             return reader
     if holds_photographs(path) or only_video(path):
         raise PocketGSError(f"{path}: photographs without poses, expected a capture; run pocketgs pose to make one")
-    found = what_is_there(path)
+    if found := what_is_there(path):
+        raise PocketGSError(f"{path}: not a capture of a supported format: {found}")
     raise PocketGSError(
-        f"{path}: not a capture of a supported format{found and ': '}{found}. Looked for photographs "
+        f"{path}: not a capture of a supported format. Looked for photographs "
         f"({', '.join(sorted(IMAGE_SUFFIXES))}); a video ({', '.join(sorted(VIDEO_SUFFIXES))}); "
         + "; ".join(f"{reader.FORMAT}: {reader.LOOKED_FOR}" for reader in READERS)
     )

@@ -6,6 +6,7 @@ import sys
 import warnings
 from collections.abc import Callable, Sequence
 from importlib import import_module
+from importlib.metadata import version
 from typing import Any
 
 import tyro
@@ -37,6 +38,9 @@ SUBCOMMANDS = {
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line and exit: 0 on success, 2 for errors that the user can fix, 130 for Ctrl-C."""
     given = list(sys.argv[1:] if arguments is None else arguments)
+    if given == ["--version"]:
+        Terminal().say(f"pocketgs {version('pocketgs')}")
+        return
     errors = Terminal(to_errors=True)
     if not sys.warnoptions:
         _show_scene_warnings_only(errors)
@@ -48,7 +52,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
             tyro.extras.subcommand_cli_from_dict(
                 {name: _subcommand(name) for name in SUBCOMMANDS},
                 prog="pocketgs",
-                description="Turn a phone capture into a 3D Gaussian splat on whatever device is at hand.",
+                description="Turn a phone capture into a 3D Gaussian splat on whatever device is at hand. "
+                "--version prints the version.",
                 args=given,
                 config=(tyro.conf.OmitArgPrefixes,),
             )

@@ -44,7 +44,7 @@ def checked(path: Path) -> Path:
     """Check a path that a library will open by name.
 
     Raises:
-        PocketGSError: it lies outside the folder that is being read, or is not a regular file.
+        PocketGSError: it lies outside the folder that is being read, or cannot be resolved.
     """
     folder = _folder.get()
     if folder is None:

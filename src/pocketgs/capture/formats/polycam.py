@@ -13,11 +13,12 @@ from pocketgs.capture.listing import FrameSource, Listing
 from pocketgs.capture.poses import camera_at, world_to_camera_from_opengl
 from pocketgs.errors import PocketGSError
 from pocketgs.files.json_fields import Fields, read_json
-from pocketgs.files.paths import existing_file
+from pocketgs.files.paths import existing_file, relative_name
 
 FORMAT = "polycam"
 LOOKED_FOR = "keyframes/cameras or keyframes/corrected_cameras"
 KEYFRAMES = "keyframes"
+IMAGE_SUFFIXES = (".jpg", ".JPG", ".jpeg", ".JPEG")
 CAMERA_FILES = "[!.]*.json"  # without the hidden files that macOS adds
 CORRECTED, UNCORRECTED = "corrected_", ""
 
@@ -62,16 +63,16 @@ def _has_keyframes(path: Path, kind: str) -> bool:
 def _frame(path: Path, kind: str, timestamp: str) -> FrameSource | None:
     """The frame of a timestamp, or None if it has no image."""
 
-    def find(name: str) -> Path | None:
-        return existing_file(path, f"{KEYFRAMES}/{name}", str(path))
+    def find(name: str, suffixes: tuple[str, ...] = ("",)) -> Path | None:
+        return existing_file(path, f"{KEYFRAMES}/{name}", str(path), suffixes)
 
-    image, camera = find(f"{kind}images/{timestamp}.jpg"), find(f"{kind}cameras/{timestamp}.json")
+    image, camera = find(f"{kind}images/{timestamp}", IMAGE_SUFFIXES), find(f"{kind}cameras/{timestamp}.json")
     if image is None or camera is None:
         return None
     fields = read_json(camera)
     depth = find(f"depth/{timestamp}.png")
     return FrameSource(
-        name=f"{KEYFRAMES}/{kind}images/{timestamp}.jpg",
+        name=relative_name(image, path),
         image=image,
         camera=camera_at(
             fields.where,
