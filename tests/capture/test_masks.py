@@ -117,17 +117,30 @@ def test_masks_of_another_size_and_shape(write_transforms):
     for number in (1, 2):
         np.testing.assert_array_equal(frames[number].mask, MASK > 0)
     save(capture / "masks/view_02.png", MASK.T)
+    opened = open_capture(capture, hold_out_every=0)
+    assert [frame.mask is not None for frame in opened.train[:3]] == [False, True, False]
+    found = "the masks of 1 frames have not the shape of their photographs, the first of images/view_02.png"
+    assert f"{found}: the frames are used whole" in opened.warnings
     with pytest.raises(PocketGSError, match=r"view_02\.png: mask of 12x16 pixels, expected the shape .* 16x12"):
-        open_capture(capture)
+        open_capture(capture, masks="masks")
 
 
-def test_broken_masks_are_named(write_transforms):
+def test_broken_masks_are_named(ring, write_transforms):
+    """They stop what asks for them, and no other run."""
     capture = write_transforms()
-    save(capture / "masks/view_02.png")
+    for number in (1, 2):
+        save(capture / f"masks/view_{number:02d}.png")
     whole = (capture / "masks/view_02.png").read_bytes()
     (capture / "masks/view_02.png").write_bytes(whole[: len(whole) // 2])
-    with pytest.raises(PocketGSError, match=r"masks.view_02\.png: cannot be decoded"):
-        open_capture(capture)
+    opened = open_capture(capture, hold_out_every=0)
+    assert [frame.mask is not None for frame in opened.train[:3]] == [False, True, False]
+    [warning] = [warning for warning in opened.warnings if "cannot be used" in warning]
+    assert "the masks of 1 frames cannot be used, the first of images/view_02.png: the frames are used whole" in warning
+    frames = ring.transforms()["frames"]
+    frames[2]["mask_path"] = "masks/view_02.png"
+    for masks, folder in (("masks", capture), ("found", write_transforms(frames=frames))):
+        with pytest.raises(PocketGSError, match=r"masks.view_02\.png: cannot be decoded"):
+            open_capture(folder, masks=masks)
 
 
 def test_folders_that_fit_nothing_are_no_reason_to_fail(write_transforms):

@@ -13,6 +13,7 @@ from pocketgs.capture.image_file import read_colour, read_header
 from pocketgs.capture.open import lacks_poses
 from pocketgs.capture.photograph_copy import names_of_copies, place_masks, place_photograph
 from pocketgs.capture.unposed import find_photographs
+from pocketgs.errors import PocketGSError
 from pocketgs.structure_from_motion.images import source_masks
 
 
@@ -76,6 +77,24 @@ def test_masks_of_photographs_without_poses_are_turned_with_them(tmp_path):
     for name in cases:
         stored = np.asarray(Image.open(tmp_path / f"masks/{name}.jpg.png"))
         np.testing.assert_array_equal(stored, np.rot90(half if name in "de" else mask, -1) > 0)
+
+
+def test_masks_that_cannot_be_decoded(tmp_path: Path) -> None:
+    source, placed = tmp_path / "photos", tmp_path / "placed"
+    (source / "mask").mkdir(parents=True)
+    placed.mkdir()
+    for name in "abc":
+        Image.fromarray(PICTURE).save(source / f"{name}.jpg")
+        Image.new("L", (64, 48), 255).save(source / f"mask/{name}.png")
+    (source / "mask/a.png").write_text("none")
+    (source / "mask/b.png").write_bytes((source / "mask/b.png").read_bytes()[:60])
+    masks, names = source_masks(source, "found"), place_all(source, placed)
+    errors: list[PocketGSError] = []
+    place_masks(masks, names, tmp_path / "masks", errors.append)
+    assert [error.args[0].partition(":")[0] for error in errors] == [str(source / f"mask/{name}.png") for name in "ab"]
+    assert [path.name for path in (tmp_path / "masks").iterdir()] == ["c.jpg.png"]
+    with pytest.raises(PocketGSError, match=r"a\.png"):
+        place_masks(masks, names, tmp_path / "more")
 
 
 @pytest.mark.parametrize("ignores_exif", [False, True])

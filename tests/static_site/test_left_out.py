@@ -1,4 +1,4 @@
-"""Depth maps that cannot be used are left out, with Python's warnings; their photographs are used."""
+"""Depth maps and found masks that cannot be used are left out, with Python's warnings; their photographs are used."""
 
 from __future__ import annotations
 
@@ -24,13 +24,14 @@ LOAD = """
     });
     const listing = await module.readListing(new FileTree(files), settings.capture);
     const {train, warnings} = await module.loadCapture(listing, 96, settings, () => {});
-    return [train.filter(({depth}) => depth).map(({name}) => name), warnings];
+    const namesWith = (part) => train.filter(({[part]: found}) => found).map(({name}) => name);
+    return [namesWith("depth"), warnings, namesWith("mask")];
 """
 
 
 def loaded(call: Call, folder: Path) -> tuple[list[str], list[str]]:
     """Names of the frames with depth, and warnings."""
-    names, warnings = call("capture/open.js", LOAD, given_files(folder))
+    names, warnings, _ = call("capture/open.js", LOAD, given_files(folder))
     return names, warnings
 
 
@@ -51,6 +52,20 @@ def test_depth_in_colour_or_cut_short(call: Call, capture_folder: Path) -> None:
     unreadable, misshapen = warnings
     reason = "(depth_1.png: expected a grey PNG of 8 or 16 bits, not interlaced)"
     assert unreadable == expected.warnings[0].split("(")[0] + reason
+    assert misshapen == expected.warnings[1]
+
+
+def test_masks_cut_short_and_of_another_shape(call: Call, capture_folder: Path) -> None:
+    (capture_folder / "masks").mkdir()
+    for path in (capture_folder / "images").iterdir():
+        Image.new("L", (96, 72), 255).save(capture_folder / "masks" / path.name)
+    _, second, third, *_ = sorted((capture_folder / "masks").iterdir())
+    second.write_bytes(second.read_bytes()[:60])
+    Image.new("L", (72, 96), 255).save(third)
+    _, (unreadable, misshapen), names = call("capture/open.js", LOAD, given_files(capture_folder))
+    expected = open_capture(capture_folder)
+    assert names == [frame.name for frame in expected.train if frame.mask is not None]
+    assert unreadable.split("(")[0] == expected.warnings[0].split("(")[0]
     assert misshapen == expected.warnings[1]
 
 

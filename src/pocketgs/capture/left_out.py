@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from pocketgs.capture.capture import Frame
 from pocketgs.capture.listing import FrameSource
 from pocketgs.capture.loading import reliable_depth
+from pocketgs.capture.mask_file import read_mask
 from pocketgs.errors import PocketGSError
 from pocketgs.files.opening import reading_inside
 
@@ -21,6 +22,13 @@ def masked_out_warning(loaded: Sequence[Frame], usable: Sequence[Frame]) -> tupl
     return (f"{found}: these frames are left out; masks are white where pixels are to be used",)
 
 
+def mask_warnings(listed: Sequence[FrameSource], loaded: Sequence[Frame], folder: Path | None) -> tuple[str, ...]:
+    """Warnings that count the masks that were found and cannot be used; arguments as for `depth_warnings`."""
+    with_mask = {frame.name for frame in loaded if frame.mask is not None}
+    lacking = [source for source in listed if source.mask_path is not None and source.name not in with_mask]
+    return _warnings("masks", "the frames are used whole", lacking, _why_mask_is_unreadable, folder)
+
+
 def depth_warnings(listed: Sequence[FrameSource], loaded: Sequence[Frame], folder: Path | None) -> tuple[str, ...]:
     """Warnings that count the depth maps that were left out: those not readable, and those of another shape.
 
@@ -31,22 +39,41 @@ def depth_warnings(listed: Sequence[FrameSource], loaded: Sequence[Frame], folde
     """
     with_depth = {frame.name for frame in loaded if frame.depth is not None}
     lacking = [source for source in listed if source.depth_path is not None and source.name not in with_depth]
+    return _warnings("depth maps", "they are left out", lacking, _why_depth_is_unreadable, folder)
+
+
+def _warnings(
+    kind: str,
+    then: str,
+    lacking: Sequence[FrameSource],
+    why_unreadable: Callable[[FrameSource], str | None],
+    folder: Path | None,
+) -> tuple[str, ...]:
     with reading_inside(folder):
-        reasons = {source.name: _why_unreadable(source) for source in lacking}
+        reasons = {source.name: why_unreadable(source) for source in lacking}
     unreadable = {name: reason for name, reason in reasons.items() if reason is not None}
     misshapen = [name for name in reasons if name not in unreadable]
     warnings = []
     if unreadable:
         name, reason = next(iter(unreadable.items()))
-        found = f"the depth maps of {len(unreadable)} frames cannot be used, the first of {name}"
-        warnings.append(f"{found}: they are left out ({reason})")
+        found = f"the {kind} of {len(unreadable)} frames cannot be used, the first of {name}"
+        warnings.append(f"{found}: {then} ({reason})")
     if misshapen:
-        found = f"the depth maps of {len(misshapen)} frames have not the shape of their photographs"
-        warnings.append(f"{found}, the first of {misshapen[0]}: they are left out")
+        found = f"the {kind} of {len(misshapen)} frames have not the shape of their photographs"
+        warnings.append(f"{found}, the first of {misshapen[0]}: {then}")
     return tuple(warnings)
 
 
-def _why_unreadable(source: FrameSource) -> str | None:
+def _why_mask_is_unreadable(source: FrameSource) -> str | None:
+    assert source.mask_path is not None
+    try:
+        read_mask(source.mask_path)
+    except PocketGSError as error:
+        return str(error)
+    return None
+
+
+def _why_depth_is_unreadable(source: FrameSource) -> str | None:
     try:
         reliable_depth(source)
     except PocketGSError as error:

@@ -10,7 +10,7 @@ from pathlib import Path
 from pocketgs.capture.capture import Capture, Frame, Result
 from pocketgs.capture.frame_edits import size_after
 from pocketgs.capture.image_file import DECODING, DECODING_ALPHA, ImageHeader, read_header
-from pocketgs.capture.left_out import depth_warnings, masked_out_warning
+from pocketgs.capture.left_out import depth_warnings, mask_warnings, masked_out_warning
 from pocketgs.capture.listing import FrameSource, Listing
 from pocketgs.capture.loading import (
     MAX_READERS,
@@ -182,7 +182,9 @@ class ListedCapture:
             metric=self.listing.metric,
             origin=self.listing.origin,
             protocol=", ".join([describe_images(self.listing.frames, frames, preparation), self.split]),
-            warnings=warnings + depth_warnings(self.listing.frames, loaded, preparation.folder),
+            warnings=warnings
+            + mask_warnings(self.listing.frames, loaded, preparation.folder)
+            + depth_warnings(self.listing.frames, loaded, preparation.folder),
             photographs=(
                 StoredPhotographs(self.listing.frames, self._of_pinholes, readers) if _may_read_again(shrink) else None
             ),

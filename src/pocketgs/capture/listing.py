@@ -24,6 +24,8 @@ class FrameSource:
             before EXIF's orientation is applied.
         lens: distortion of the image.
         mask_path: image whose non-zero pixels are used, or None.
+        mask_is_found: whether nobody named the mask, neither the user nor the capture: if it cannot be used, the frame
+            is used whole.
         depth_path: depth map, or None.
         depth_unit: length of one unit of the depth map in the capture's units.
         depth_shape: rows and columns of a compressed depth map and its confidence, whose files do not state them.
@@ -36,6 +38,7 @@ class FrameSource:
     camera: Camera
     lens: Lens = PINHOLE
     mask_path: CaptureFile | None = None
+    mask_is_found: bool = False
     depth_path: CaptureFile | None = None
     depth_unit: float = 0.001
     depth_shape: tuple[int, int] | None = None

@@ -159,7 +159,7 @@ def prepared(source: FrameSource, colours: np.ndarray, alpha: np.ndarray | None,
         camera=camera_of_size(source, width, height),
         image=colours if alpha is None else composite(colours, alpha, preparation.background),
         alpha=alpha,
-        mask=None if source.mask_path is None else _mask_of_size(source.mask_path, width, height, preparation),
+        mask=_mask(source, width, height, preparation),
         depth=None if source.depth_path is None else _depth_of_size(source, width, height),
     )
     try:
@@ -219,6 +219,22 @@ def refers_to_turned_pixels(source: FrameSource, header: ImageHeader) -> bool:
 def _have_same_shape(one: tuple[int, ...], other: tuple[int, ...], tolerance: float) -> bool:
     """Whether two sizes (width, height) have about the same aspect ratio."""
     return abs((one[0] / other[0]) / (one[1] / other[1]) - 1) <= tolerance
+
+
+def _mask(source: FrameSource, width: int, height: int, preparation: Preparation) -> np.ndarray | None:
+    """A frame's mask, resized to its photograph's size; None if it has none, or one that was found and cannot be used.
+
+    Raises:
+        PocketGSError: a mask that was named cannot be used.
+    """
+    if source.mask_path is None:
+        return None
+    try:
+        return _mask_of_size(source.mask_path, width, height, preparation)
+    except PocketGSError:
+        if source.mask_is_found:
+            return None
+        raise
 
 
 def _mask_of_size(path: CaptureFile, width: int, height: int, preparation: Preparation) -> np.ndarray:

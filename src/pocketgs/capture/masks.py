@@ -63,7 +63,7 @@ def with_masks(listing: Listing, capture: Path, masks: str) -> Listing:
             found = _match_all(names, beside)
             if beside.parent not in {_above_folder_of(name, capture) for name in names}:
                 _check_shapes(listing.frames, found)
-            return _with(listing, found, beside)
+            return _with(listing, found, beside, are_found=True)
         except PocketGSError as error:
             listing = replace(listing, warnings=(*listing.warnings, f"{error}; these masks are not used"))
     return listing
@@ -209,8 +209,8 @@ def _files(folder: Path) -> list[Path]:
     return [file for each in folders for file in list_images(each)]
 
 
-def _with(listing: Listing, found: dict[str, Path], folder: Path) -> Listing:
-    frames = [replace(frame, mask_path=found.get(frame.name)) for frame in listing.frames]
+def _with(listing: Listing, found: dict[str, Path], folder: Path, are_found: bool = False) -> Listing:
+    frames = [replace(frame, mask_path=found.get(frame.name), mask_is_found=are_found) for frame in listing.frames]
     lacking = [frame.name for frame in frames if frame.mask_path is None]
     warnings = listing.warnings
     if lacking:

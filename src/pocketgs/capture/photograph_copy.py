@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import count
 from pathlib import Path
 
@@ -14,6 +14,7 @@ from PIL import ExifTags, Image, ImageOps
 from pocketgs.capture.image_file import QUARTER_TURNS, UPRIGHT, ImageHeader, read_colour, read_header, read_image
 from pocketgs.capture.mask_file import read_mask
 from pocketgs.capture.named_images import spelling
+from pocketgs.errors import PocketGSError
 from pocketgs.files.atomic_file import replacing
 
 COLMAP_SUFFIXES = frozenset({".jpg", ".jpeg", ".jpe", ".jfif", ".png", ".tif", ".tiff", ".bmp"})
@@ -86,7 +87,12 @@ def _possible_names(photograph: Path) -> Iterator[str]:
     yield from (f"{photograph.stem}_{number}{suffix}" for number in count(2))
 
 
-def place_masks(masks: Mapping[Path, Path], names: Mapping[Path, str], folder: Path) -> None:
+def place_masks(
+    masks: Mapping[Path, Path],
+    names: Mapping[Path, str],
+    folder: Path,
+    on_unreadable: Callable[[PocketGSError], None] | None = None,
+) -> None:
     """Put masks of photographs into a folder of their own, upright, with COLMAP's names.
 
     A mask's own EXIF states how it is turned. Most programs write none: their masks are of upright photographs if they
@@ -97,22 +103,37 @@ def place_masks(masks: Mapping[Path, Path], names: Mapping[Path, str], folder: P
         masks: by photograph.
         names: of the photographs' copies, by photograph.
         folder: for the masks, created if there are any.
+        on_unreadable: called for each mask that cannot be decoded, which is left out; if None, its error is raised.
 
     Raises:
         PocketGSError: a mask cannot be decoded.
     """
-    if masks:
-        folder.mkdir()
-    headers = {photograph: (read_header(photograph), read_header(mask)) for photograph, mask in masks.items()}
-    exif_is_ignored = any(_is_as_stored(*pair) for pair in headers.values())
+    headers = {photograph: (read_header(photograph), _header_of(mask)) for photograph, mask in masks.items()}
+    exif_is_ignored = any(of_mask and _is_as_stored(one, of_mask) for one, of_mask in headers.values())
     for photograph, mask in masks.items():
         of_photograph, of_mask = headers[photograph]
-        usable = Image.fromarray(read_mask(mask, upright=True))
+        try:
+            usable = Image.fromarray(read_mask(mask, upright=True))
+            of_mask = of_mask or read_header(mask)
+        except PocketGSError as error:
+            if on_unreadable is None:
+                raise
+            on_unreadable(error)
+            continue
         by_quarter = of_photograph.orientation in QUARTER_TURNS
         as_stored = _is_as_stored(of_photograph, of_mask) if by_quarter else exif_is_ignored
         if as_stored and of_mask.orientation == UPRIGHT:
             usable = _turned(usable, of_photograph.orientation)
+        folder.mkdir(exist_ok=True)
         usable.save(folder / f"{names[photograph]}.png")
+
+
+def _header_of(mask: Path) -> ImageHeader | None:
+    """None if it cannot be read: then the mask cannot be decoded either."""
+    try:
+        return read_header(mask)
+    except PocketGSError:
+        return None
 
 
 def _is_as_stored(photograph: ImageHeader, mask: ImageHeader) -> bool:

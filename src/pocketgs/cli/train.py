@@ -22,6 +22,7 @@ from pocketgs.files.memory_bound import memory_bound
 from pocketgs.results.folder import check_free_for, posed_folder
 from pocketgs.results.reporter import Reporter
 from pocketgs.results.run import RunResult, run
+from pocketgs.structure_from_motion.folder import MASKS
 from pocketgs.structure_from_motion.options import PoseOptions
 from pocketgs.structure_from_motion.pose import posed
 from pocketgs.training.options import TrainingOptions
@@ -90,5 +91,6 @@ def _listed(
         on_count=reporter.on_count,
         on_warning=reporter.on_warning,
     )
+    # Named masks have been copied to the capture, and still are masks that must not be ignored.
     are_copied = masks not in (FOUND, NONE)
-    return (replace(reading, masks=FOUND) if are_copied else reading).listed(made)
+    return (replace(reading, masks=MASKS) if are_copied else reading).listed(made)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 from PIL import Image
@@ -55,7 +56,14 @@ def source_masks(source: Path, masks: str) -> dict[Path, Path]:
     return {photographs[name]: mask for name, mask in find_masks(list(photographs), source, masks).items()}
 
 
-def gather(source: Path, folder: Path, options: PoseOptions, threads: int, on_count: Count) -> None:
+def gather(
+    source: Path,
+    folder: Path,
+    options: PoseOptions,
+    threads: int,
+    on_count: Count,
+    on_warning: Callable[[str], None] = lambda warning: None,
+) -> None:
     """Copy a video's sharpest frames, or the photographs, to a new folder; the originals are not changed.
 
     Photographs are stored upright, see `place_photograph`; their masks go to `MASKS` beside the new folder.
@@ -66,9 +74,10 @@ def gather(source: Path, folder: Path, options: PoseOptions, threads: int, on_co
         options: the maximum number of frames of a video, and which masks to use.
         threads: number of threads.
         on_count: called with the number of images done.
+        on_warning: called if masks that nobody named cannot be decoded.
 
     Raises:
-        PocketGSError: a file cannot be decoded, or there are too few images.
+        PocketGSError: a photograph or a mask that was named cannot be decoded, or there are too few images.
     """
     files = source_files(source)
     folder.mkdir()
@@ -77,7 +86,10 @@ def gather(source: Path, folder: Path, options: PoseOptions, threads: int, on_co
         return
     names = names_of_copies(files)
     each(files, lambda path: place_photograph(path, folder / names[path]), threads, on_count)
-    place_masks(source_masks(source, options.masks), names, folder.parent / MASKS)
+    masks, unreadable = source_masks(source, options.masks), list[PocketGSError]()
+    place_masks(masks, names, folder.parent / MASKS, unreadable.append if options.masks == FOUND else None)
+    if unreadable:
+        on_warning(f"{len(unreadable)} of {len(masks)} masks cannot be used, the first is left out: {unreadable[0]}")
 
 
 def _extract(video: Path, folder: Path, most_frames: int, on_count: Count) -> None:

@@ -95,7 +95,7 @@ def pose(
         with replacing_folder(output) as (staging, workspace):
             threads = _threads(source, options)
             on_stage("frames")
-            gather(source, staging / IMAGES, options, threads, on_count)
+            gather(source, staging / IMAGES, options, threads, on_count, on_warning)
             on_stage("features")
             photographs = read_photographs(
                 staging / IMAGES, staging / MASKS, workspace, options.max_size, threads, on_count

@@ -5,6 +5,7 @@
  */
 
 import { readDepth } from "./depth_map.js";
+import { readMask } from "./masks.js";
 
 /**
  * @typedef {import("./listing.js").FrameSource} FrameSource
@@ -30,21 +31,36 @@ export function maskedOutWarning(loaded, usable) {
  * @param {FrameSource[]} lacking the frames whose depth was left out
  * @returns {Promise<string[]>}
  */
-export async function depthWarnings(lacking) {
+export function depthWarnings(lacking) {
+    return warningsOf("depth maps", "they are left out", lacking, ({ depth }) => readDepth(depth));
+}
+
+/**
+ * Warnings that count the masks that were found and cannot be used: those not readable, and those of another shape.
+ *
+ * @param {FrameSource[]} lacking the frames whose mask was left out
+ * @returns {Promise<string[]>}
+ */
+export function maskWarnings(lacking) {
+    return warningsOf("masks", "the frames are used whole", lacking, ({ mask }) => readMask(mask));
+}
+
+async function warningsOf(kind, then, lacking, read) {
     const [unreadable, misshapen] = [[], []];
-    for (const { name, depth } of lacking) {
-        const reason = await readDepth(depth).then(() => null, ({ message }) => message);
+    for (const source of lacking) {
+        const { name } = source;
+        const reason = await read(source).then(() => null, ({ message }) => message);
         (reason === null ? misshapen : unreadable).push({ name, reason });
     }
     const warnings = [];
     if (unreadable.length) {
         const [{ name, reason }] = unreadable;
-        const found = `the depth maps of ${unreadable.length} frames cannot be used, the first of ${name}`;
-        warnings.push(`${found}: they are left out (${reason})`);
+        const found = `the ${kind} of ${unreadable.length} frames cannot be used, the first of ${name}`;
+        warnings.push(`${found}: ${then} (${reason})`);
     }
     if (misshapen.length) {
-        const found = `the depth maps of ${misshapen.length} frames have not the shape of their photographs`;
-        warnings.push(`${found}, the first of ${misshapen[0].name}: they are left out`);
+        const found = `the ${kind} of ${misshapen.length} frames have not the shape of their photographs`;
+        warnings.push(`${found}, the first of ${misshapen[0].name}: ${then}`);
     }
     return warnings;
 }

@@ -14,6 +14,7 @@ import { lensOf } from "./lens.js";
  * @property {import("./camera.js").Camera} camera of the image as the capture states it; the file may be smaller
  * @property {import("./lens.js").Lens} lens
  * @property {import("../archive/tree.js").StoredFile | null} mask image that is white where pixels are to be used
+ * @property {boolean} isMaskFound whether the capture does not name it: if it cannot be used, the frame is used whole
  * @property {import("./depth_map.js").DepthSource | null} depth that was measured
  * @property {number} border pixels to crop at each side of the image
  *
@@ -43,7 +44,7 @@ const PINHOLE = lensOf(false, () => 0);
  * @returns {FrameSource}
  */
 export function sourceOf(file, camera, more = {}) {
-    return { name: file.path, file, frame: null, camera, lens: PINHOLE, mask: null, depth: null, border: 0, ...more };
+    return { name: file.path, file, frame: null, camera, lens: PINHOLE, mask: null, isMaskFound: false, depth: null, border: 0, ...more };
 }
 
 /**

@@ -42,7 +42,7 @@ export async function withMasks(listing, tree, { mask_folders: usual }) {
                 const count = `${lacking.length} of ${names.length} frames`;
                 warnings.push(`${folder}: no masks for ${count}, which are used whole, the first ${lacking[0]}`);
             }
-            const frames = listing.frames.map((frame) => ({ ...frame, mask: found.get(frame.name) ?? null }));
+            const frames = listing.frames.map((frame) => ({ ...frame, mask: found.get(frame.name) ?? null, isMaskFound: true }));
             return { ...listing, frames, warnings };
         }
         warnings.push(`${folder}: ${reason}; these masks are not used`);

@@ -9,7 +9,7 @@ import * as blender from "./blender.js";
 import { centreOf } from "./camera.js";
 import * as colmap from "./colmap.js";
 import { withReadableDepth } from "./depth_map.js";
-import { depthWarnings, maskedOutWarning } from "./left_out.js";
+import { depthWarnings, maskedOutWarning, maskWarnings } from "./left_out.js";
 import { heldOutOf } from "./listing.js";
 import * as nerfstudio from "./nerfstudio.js";
 import { withMasks } from "./masks.js";
@@ -98,7 +98,12 @@ export async function loadCapture(listing, most, settings, onProgress) {
     }
     const rest = used.filter(({ name }) => heldOut.has(name));
     const isWithout = ({ name, depth }, i) => depth && !loaded[i].depth && !heldOut.has(name);
-    const leftOut = [...maskedOutWarning(loaded, used), ...(await depthWarnings(frames.filter(isWithout)))];
+    const isWithoutMask = ({ mask }, i) => mask && !loaded[i].mask;
+    const leftOut = [
+        ...maskedOutWarning(loaded, used),
+        ...(await maskWarnings(frames.filter(isWithoutMask))),
+        ...(await depthWarnings(frames.filter(isWithout))),
+    ];
     return { train, heldOut: rest, cloud, background, isMetric, warnings: [...warnings, ...leftOut] };
 }
 
@@ -145,13 +150,13 @@ async function readerOf(tree, bounds) {
 }
 
 /** Scenes have 24 bits a coordinate, too few far from the origin. */
-function requireNearOrigin({ frames, isMetric }, { far, metric_extent: least }) {
+function requireNearOrigin({ frames, isMetric }, { far, one_point: onePoint, metric_extent: least }) {
     const centres = frames.map(({ camera }) => centreOf(camera));
     const middle = [0, 1, 2].map((axis) => medianOf(centres.map((centre) => centre[axis])));
     const spread = centres.map((centre) => Math.max(...centre.map((value, i) => Math.abs(value - middle[i]))));
     const extent = spread.reduce((most, value) => Math.max(most, value), isMetric ? least : 0);
     const distance = Math.max(...middle.map(Math.abs));
-    if (extent > 0 && distance > far * extent) {
+    if (extent > onePoint * distance && distance > far * extent) {
         throw new Error(
             `the cameras are ${Math.round(distance)} from the origin and ${extent.toPrecision(3)} from each other: ` +
                 "expected coordinates near the origin; `pocketgs train` moves them",

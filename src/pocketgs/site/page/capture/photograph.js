@@ -52,7 +52,7 @@ export async function decodedPhotograph({ file, camera }, { aspect_tolerance: to
  * @param {number} most pixels of the longer side
  * @param {Object<string, number>} bounds the settings' `capture`
  * @returns {Promise<Frame>}
- * @throws {Error} it has not its camera's shape, or its mask cannot be used
+ * @throws {Error} it has not its camera's shape, or a mask that the capture names cannot be used
  */
 export async function prepared(source, pixels, background, most, bounds) {
     const { name, file, lens, border } = source;
@@ -61,7 +61,7 @@ export async function prepared(source, pixels, background, most, bounds) {
         throw new Error(`${file.path}: image of ${found} pixels, expected the shape of its camera, ${expected}`);
     }
     let camera = resized(source.camera, pixels.width, pixels.height);
-    let mask = source.mask && (await maskOfSize(source.mask, pixels, bounds));
+    let mask = source.mask && (await maskOfSize(source.mask, pixels, bounds).catch(unless(source.isMaskFound)));
     let depth = source.depth && (await depthOfSize(source.depth, pixels, bounds));
     const isTransparent = hasAlpha(pixels);
     if (isTransparent) {
@@ -101,6 +101,14 @@ async function depthOfSize(source, size, { plane_aspect_tolerance: tolerance }) 
     const fits = found !== null && hasShapeOf(found, size.width, size.height, tolerance);
     return fits ? nearestPlane(found.values, found, size) : null;
 }
+
+/** What happens if a mask cannot be used: one that was found is left out. */
+const unless = (isFound) => (error) => {
+    if (!isFound) {
+        throw error;
+    }
+    return null;
+};
 
 /** A mask of its photograph's size: of each pixel what lies at its centre. */
 async function maskOfSize(file, { width, height }, { plane_aspect_tolerance: tolerance }) {
