@@ -75,6 +75,23 @@ def test_masks_that_are_not_there_are_refused_at_once(
     assert not Path("result").exists()
 
 
+def test_named_masks_of_photographs_without_poses_are_not_ignored(
+    pocketgs: Callable, capture_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Though the capture that is made of the photographs has copies of them, which look as if they were found there."""
+    photographs, people = tmp_path / "photographs", tmp_path / "people"
+    shutil.copytree(capture_folder / "images", photographs)
+    (capture_folder / "masks").mkdir()
+    people.mkdir()
+    for image in photographs.iterdir():
+        for folder in (people, capture_folder / "masks"):
+            Image.new("L", (72, 96), 255).save(folder / f"{image.name}.png")
+    monkeypatch.setattr("pocketgs.cli.train.posed", lambda *_, **__: capture_folder)
+    refused = pocketgs("train", photographs, "--output", tmp_path / "result", "--masks", people)
+    assert refused.status == 2
+    assert "mask of 72x96 pixels, expected the shape of its photograph, 96x72" in refused.errors
+
+
 @pytest.mark.parametrize("masks", ["found", "none", "people"])
 @pytest.mark.parametrize("name", ["frame_000012.jpg.png", "frame_000012.png", "12.png"])
 def test_masks_that_may_be_of_a_videos_frames(
