@@ -122,7 +122,11 @@ def test_eval_refuses_views_that_were_trained_on(
     assert outcome.status == 2
     assert "was trained on 2 of the 3 views that are held out, the first images/0003.png" in outcome.errors
     assert "its run is '96x72, held out every 8th by name', here it is '96x72, held out every 3rd" in outcome.errors
+    assert "give the options that it was trained with, such as --hold-out" in outcome.errors
     assert not (tmp_path / "a.json").exists()
+    command = ["train", written_capture, "--output", tmp_path / "all", "--hold-out", 0, "--iterations", 1, *PLAIN]
+    assert pocketgs(*command).status == 0
+    assert "its run held nothing out: train it with" in pocketgs("eval", tmp_path / "all", written_capture).errors
     # Of a scene without its run nothing is known.
     moved = shutil.copy(result / "scene.ply", tmp_path / "scene.ply")
     assert pocketgs("eval", moved, *given[2:]).status == 0

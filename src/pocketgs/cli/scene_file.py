@@ -23,8 +23,6 @@ from pocketgs.sort_free.file import is_sort_free, read_sort_free
 from pocketgs.sort_free.scene import SortFreeScene
 from pocketgs.splat.engine import EngineOptions, Renderer, create_engine
 
-SAME_OPTIONS = "give the options that it was trained with, such as --hold-out"
-
 AnyScene: TypeAlias = Gaussians | SortFreeScene
 """A scene that is drawn sorted, or one that is drawn without sorting."""
 
@@ -111,7 +109,7 @@ def check_unseen(scene: Path, capture: Capture) -> None:
     """
     overlap = _overlap(scene, capture)
     if overlap:
-        raise PocketGSError(f"{scene}: {overlap}; expected views that it has not seen: {SAME_OPTIONS}")
+        raise PocketGSError(f"{scene}: {overlap}")
 
 
 def _overlap(scene: Path, capture: Capture) -> str | None:
@@ -144,5 +142,5 @@ def as_trained_on(path: Path, capture: Capture) -> Capture:
 
     overlap = _overlap(path, capture)
     if overlap:
-        warn(f"{overlap}; figures on them are too good: {SAME_OPTIONS}")
+        warn(f"{overlap}; figures on these views are too good")
     return without_transients_of(folder_of(path), in_world_of(path, capture), warn)

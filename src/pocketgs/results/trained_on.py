@@ -20,23 +20,26 @@ class TrainedOn:
     Attributes:
         background: behind its photographs.
         views: names of its training views; empty if unknown.
+        held_out: whether it held views out.
         protocol: how its photographs were prepared and split, as text.
     """
 
     background: Background
     views: frozenset[str]
+    held_out: bool
     protocol: str
 
     def overlap(self, capture: Capture) -> str | None:
-        """Tells that the run was trained on some held-out views of a capture; None if on none of them."""
+        """Tells which held-out views of a capture the run was trained on, and what to do; None if there are none."""
         seen = [frame.name for frame in capture.held_out if frame.name in self.views]
         if not seen:
             return None
         held_out = counted(len(capture.held_out), "view that is held out", "views that are held out")
-        return (
-            f"was trained on {len(seen)} of the {held_out}, the first {clipped(seen[0])}: "
-            f"the protocol of its run is {self.protocol!r}, here it is {capture.protocol!r}"
-        )
+        found = f"was trained on {len(seen)} of the {held_out}, the first {clipped(seen[0])}"
+        if not self.held_out:
+            return f"{found}, since its run held nothing out: train it with --hold-out to measure it"
+        protocols = f"the protocol of its run is {self.protocol!r}, here it is {capture.protocol!r}"
+        return f"{found}: {protocols}; give the options that it was trained with, such as --hold-out"
 
 
 def trained_on(folder: Path) -> TrainedOn | None:
@@ -53,4 +56,4 @@ def trained_on(folder: Path) -> TrainedOn | None:
     except (PocketGSError, OSError, KeyError, TypeError, ValueError):
         return None
     known = read_cameras(folder / CAMERAS).cameras if holds_cameras(folder / CAMERAS) else {}
-    return TrainedOn((red, green, blue), frozenset(known) - held_out, protocol)
+    return TrainedOn((red, green, blue), frozenset(known) - held_out, bool(held_out), protocol)
