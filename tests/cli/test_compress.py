@@ -125,10 +125,18 @@ def test_training_and_compressing(pocketgs: Callable[..., Any], written_capture:
     # The next run's scene is another one.
     assert pocketgs("train", written_capture, *options).status == 0
     assert not (folder / "scene.pgs").exists()
+    # So it is with a file that was compressed later.
+    compress = ["compress", folder, written_capture, "--output", folder / "scene.pgs", "--time-budget", 1]
+    assert [pocketgs(*compress).status for _ in range(2)] == [0, 0]
+    assert pocketgs("train", written_capture, *options).status == 0
+    assert not (folder / "scene.pgs").exists()
     (folder / "scene.pgs").write_bytes(b"somebody else's")
-    outcome = pocketgs("train", written_capture, *options, "--compress")
-    assert outcome.status == 2
-    assert "scene.pgs" in outcome.errors
+    for command in (["train", written_capture, *options], compress):
+        outcome = pocketgs(*command)
+        assert outcome.status == 2
+        assert "scene.pgs: was not written by pocketgs" in outcome.errors
+        assert "training" not in outcome.output
+    assert (folder / "scene.pgs").read_bytes() == b"somebody else's"
 
 
 def test_a_scene_that_spz_cannot_hold(

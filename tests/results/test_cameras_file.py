@@ -73,6 +73,8 @@ def test_a_capture_that_was_posed_anew(small_capture: Capture, tmp_path: Path) -
     posed = replace(small_capture, path=tmp_path / "posed" / "demo")
     with pytest.raises(PocketGSError, match=r"cameras\.json: the poses of .*demo have changed since .*: train again"):
         with_poses_of(posed, tmp_path / "cameras.json")
+    saved = read_cameras(tmp_path / "cameras.json")
+    assert [saved.shows(frame) for frame in moved(small_capture.frames)] == [False] + [True] * 7
     # Another capture of the same place may have photographs of the same names.
     assert with_poses_of(small_capture, tmp_path / "cameras.json") is small_capture
 

@@ -14,7 +14,7 @@ from pocketgs.cli.compression_table import closing_lines, figures_table, print_f
 from pocketgs.cli.display import Display
 from pocketgs.cli.output_file import SCENE_FILE, check_place, json_with
 from pocketgs.cli.own_views import own_background, own_cameras, trained_cameras
-from pocketgs.cli.scene_file import as_trained_on, load_scene, names_scene, read_for
+from pocketgs.cli.scene_file import as_trained_on, folder_of, load_scene, names_scene, read_for
 from pocketgs.cli.terminal import Terminal
 from pocketgs.cli.timed_compression import compress_in_time
 from pocketgs.compression.compress import memory_needed
@@ -22,9 +22,10 @@ from pocketgs.compression.options import CompressionOptions
 from pocketgs.compression.views import Views, photographed, rendered
 from pocketgs.errors import PocketGSError
 from pocketgs.files.atomic_file import replacing
+from pocketgs.files.manifest import read_manifest
 from pocketgs.files.memory_bound import memory_bound, require_memory
 from pocketgs.geometry.camera import Camera
-from pocketgs.results.folder import SCENE, write_json
+from pocketgs.results.folder import COMPRESSED, SCENE, check_compressed, write_compressed, write_json
 from pocketgs.results.held_out import check_comparable
 from pocketgs.scene.edits import drawable
 from pocketgs.scene.formats.pgs import warn_of_coarse_grid
@@ -81,8 +82,11 @@ def compress(
                 time_budget=compression.time_budget,
                 on_count=shown.on_count,
             )
-        with replacing(output) as partial:
-            partial.write_bytes(found.chosen.contents)
+        if _is_of_result(scene, output):
+            write_compressed(output.parent, found.chosen.contents)
+        else:
+            with replacing(output) as partial:
+                partial.write_bytes(found.chosen.contents)
         warn_of_coarse_grid(output, found.chosen.scene)
         console.say(*closing_lines(found, output))
         rows = figures_table(original, size, found, renderer, views)
@@ -103,11 +107,21 @@ def _check_names(scene: Path, capture: Path | None, output: Path, json: Path | N
     if output.suffix.lower() != SUFFIX:
         raise PocketGSError(f"{output}: not the name of a compressed scene, expected one that ends in {SUFFIX}")
     inputs = [scene, *([capture] if capture else [])]
-    check_place(output, SCENE_FILE, inputs)
+    if _is_of_result(scene, output):
+        check_compressed(output.parent)
+    else:
+        check_place(output, SCENE_FILE, inputs)
     if json:
         check_place(json, FIGURES, inputs)
     if not names_scene(scene):
         raise PocketGSError(f"{scene}: no scene, expected a scene file or a result folder, then the capture")
+
+
+def _is_of_result(scene: Path, output: Path) -> bool:
+    """Whether the output is the compressed scene in the result folder of the scene, as `train --compress` writes it."""
+    folder = folder_of(scene)
+    is_place = output.name == COMPRESSED and output.parent.resolve() == folder.resolve()
+    return is_place and SCENE in read_manifest(folder).files
 
 
 def _views(

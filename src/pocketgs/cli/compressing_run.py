@@ -16,8 +16,7 @@ from pocketgs.compression.options import CompressionOptions
 from pocketgs.compression.views import Views, photographed
 from pocketgs.errors import PocketGSError
 from pocketgs.files.memory_bound import require_memory
-from pocketgs.results.claim import claimed
-from pocketgs.results.folder import COMPRESSED, SCENE, publishing
+from pocketgs.results.folder import COMPRESSED, SCENE, write_compressed
 from pocketgs.results.reporter import Reporter
 from pocketgs.results.run import RunResult, run
 from pocketgs.results.transients import without_transients
@@ -59,8 +58,6 @@ class CompressingRun:
         Raises:
             PocketGSError: as `pocketgs.results.run.run` does, or another program's file is in the way.
         """
-        with claimed(self._folder, [COMPRESSED]):
-            pass  # what is in the way is reported before the work
         prepared: list[Capture] = []
 
         def on_prepared(capture: Capture) -> None:
@@ -107,8 +104,7 @@ class CompressingRun:
             time_budget=options.time_budget,
             on_count=reporter.on_count,
         )
-        with publishing(self._folder, [COMPRESSED]) as staging:
-            (staging / COMPRESSED).write_bytes(found.chosen.contents)
+        write_compressed(self._folder, found.chosen.contents)
         warn_of_coarse_grid(self._folder / COMPRESSED, found.chosen.scene)
         self._lines = closing_lines(found, self._folder / COMPRESSED)
         self._rows = figures_table(original, (self._folder / SCENE).stat().st_size, found, engine, views)

@@ -140,7 +140,7 @@ def as_trained_on(path: Path, capture: Capture) -> Capture:
     def warn(warning: str) -> None:
         Terminal(to_errors=True).say(f"warning: {path}: {warning}", style="yellow")
 
-    overlap = _overlap(path, capture)
-    if overlap:
+    capture = in_world_of(path, capture)
+    if overlap := _overlap(path, capture):
         warn(f"{overlap}; figures on these views are too good")
-    return without_transients_of(folder_of(path), in_world_of(path, capture), warn)
+    return without_transients_of(folder_of(path), capture, warn)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +38,19 @@ class SavedCameras:
     cameras: dict[str, Camera]
     refined: bool
     origin: Origin = (0.0, 0.0, 0.0)
+
+    @cached_property
+    def _spread(self) -> float:
+        centres = np.array([camera.centre for camera in self.cameras.values()])
+        return max(float(np.ptp(centres, axis=0).max()), np.finfo(np.float64).tiny)
+
+    def shows(self, frame: Frame) -> bool:
+        """Whether a frame's camera is here, by its name and its pose. Others may have photographs of the same names."""
+        if frame.name not in self.cameras:
+            return False
+        now, then = frame.camera.camera_to_world, self.cameras[frame.name].camera_to_world
+        turned, moved = np.abs(now[:3, :3] - then[:3, :3]).max(), np.abs(now[:3, 3] - then[:3, 3]).max()
+        return bool(max(turned, moved / self._spread) <= SAME_POSE)
 
 
 def write_cameras(path: Path, frames: Sequence[Frame], refined: bool, origin: Origin = (0.0, 0.0, 0.0)) -> None:
@@ -116,16 +130,10 @@ def _require_same_poses(capture: Capture, saved: SavedCameras, path: Path) -> No
     Raises:
         PocketGSError: the poses differ by more than rounding.
     """
-    known = [(frame.camera, saved.cameras[frame.name]) for frame in capture.frames if frame.name in saved.cameras]
-    if not known:
-        return
-    now, then = (np.array([camera.camera_to_world for camera in cameras]) for cameras in zip(*known, strict=True))
-    spread = max(float(np.ptp(then[:, :3, 3], axis=0).max()), np.finfo(np.float64).tiny)
-    turned = np.abs(now[:, :3, :3] - then[:, :3, :3]).max()
-    if max(turned, np.abs(now[:, :3, 3] - then[:, :3, 3]).max() / spread) > SAME_POSE:
+    if moved := [frame.name for frame in capture.frames if frame.name in saved.cameras and not saved.shows(frame)]:
         raise PocketGSError(
-            f"{path}: the poses of {capture.path} have changed since this scene was trained, expected the same ones: "
-            "train again"
+            f"{path}: the poses of {capture.path} have changed since this scene was trained, such as {moved[0]}, "
+            "expected the same ones: train again"
         )
 
 

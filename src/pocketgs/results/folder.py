@@ -57,7 +57,7 @@ def claimed_for_run(folder: Path, source: str | None = None) -> Iterator[Claim]:
     Raises:
         PocketGSError: the folder cannot be used.
     """
-    with claimed(folder, (*FILES, f"{PICTURES}/*.png", f"{TRANSIENTS}/*.png"), source) as claim:
+    with claimed(folder, (*FILES, COMPRESSED, f"{PICTURES}/*.png", f"{TRANSIENTS}/*.png"), source) as claim:
         remove_leftovers(folder / UNFINISHED)
         if os.path.lexists(folder / UNFINISHED) and not is_checkpoint(folder / UNFINISHED):
             raise PocketGSError(f"{folder / UNFINISHED}: is not a checkpoint of ours, expected it moved away")
@@ -77,6 +77,26 @@ def publishing(folder: Path, names: Iterable[str] = ()) -> Iterator[Path]:
     """
     with claimed(folder, names) as claim, claim.publishing() as staging:
         yield staging
+
+
+def check_compressed(folder: Path) -> None:
+    """Check that a result's compressed scene can be written, before the work.
+
+    Raises:
+        PocketGSError: another program's file is in the way, or another process uses the folder.
+    """
+    with claimed(folder, [COMPRESSED]):
+        pass
+
+
+def write_compressed(folder: Path, contents: bytes) -> None:
+    """Write a result's compressed scene.
+
+    Raises:
+        PocketGSError: it cannot be written.
+    """
+    with publishing(folder, [COMPRESSED]) as staging:
+        (staging / COMPRESSED).write_bytes(contents)
 
 
 def check_free_for(folder: Path, source: str) -> None:

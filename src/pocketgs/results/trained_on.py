@@ -8,7 +8,7 @@ from pathlib import Path
 from pocketgs.capture.capture import Capture
 from pocketgs.errors import PocketGSError, clipped, counted
 from pocketgs.files.json_fields import read_json
-from pocketgs.results.cameras_file import holds_cameras, read_cameras
+from pocketgs.results.cameras_file import SavedCameras, holds_cameras, read_cameras
 from pocketgs.results.folder import CAMERAS, RECORD
 from pocketgs.scene.background import Background
 
@@ -20,18 +20,24 @@ class TrainedOn:
     Attributes:
         background: behind its photographs.
         views: names of its training views; empty if unknown.
+        cameras: of the run.
         held_out: whether it held views out.
         protocol: how its photographs were prepared and split, as text.
     """
 
     background: Background
     views: frozenset[str]
+    cameras: SavedCameras
     held_out: bool
     protocol: str
 
     def overlap(self, capture: Capture) -> str | None:
-        """Tells which held-out views of a capture the run was trained on, and what to do; None if there are none."""
-        seen = [frame.name for frame in capture.held_out if frame.name in self.views]
+        """Tells which held-out views of a capture the run was trained on, and what to do; None if there are none.
+
+        Args:
+            capture: in the world of the run.
+        """
+        seen = [frame.name for frame in capture.held_out if frame.name in self.views and self.cameras.shows(frame)]
         if not seen:
             return None
         held_out = counted(len(capture.held_out), "view that is held out", "views that are held out")
@@ -55,5 +61,5 @@ def trained_on(folder: Path) -> TrainedOn | None:
         protocol = str(record["protocol"])
     except (PocketGSError, OSError, KeyError, TypeError, ValueError):
         return None
-    known = read_cameras(folder / CAMERAS).cameras if holds_cameras(folder / CAMERAS) else {}
-    return TrainedOn((red, green, blue), frozenset(known) - held_out, bool(held_out), protocol)
+    known = read_cameras(folder / CAMERAS) if holds_cameras(folder / CAMERAS) else SavedCameras({}, refined=False)
+    return TrainedOn((red, green, blue), frozenset(known.cameras) - held_out, known, bool(held_out), protocol)
