@@ -12,7 +12,7 @@ import pytest
 from pocketgs.capture.capture import Capture, Frame
 from pocketgs.geometry.camera import Camera
 from pocketgs.prior.exposure import compensated, exposure_gains, needs_compensation
-from pocketgs.prior.features.features import Features
+from pocketgs.prior.features.observations import Observations
 from pocketgs.prior.features.tracks import view_distances
 from pocketgs.prior.poses.structure import Structure
 from pocketgs.prior.scale import Scale, estimate_scale
@@ -93,8 +93,9 @@ def test_what_is_masked_does_not_count(clean_walk: Capture, clean_structure: Str
 
 def test_too_few_points_leave_gains_at_one(clean_walk: Capture, clean_structure: Structure, scale: Scale) -> None:
     photographs = exposed(clean_walk.train, random_gains(len(clean_walk.train)))
-    some = [(Features(f.pixels[:9], f.descriptors[:9]), point[:9]) for f, point in clean_structure.point_features]
-    few = replace(clean_structure, point_features=some)
+    seen = clean_structure.observations
+    some = np.concatenate([np.flatnonzero(seen.frame == view)[:9] for view in range(len(clean_structure.cameras))])
+    few = replace(clean_structure, observations=seen.select(np.sort(some)))
     np.testing.assert_array_equal(exposure_gains(photographs, few, scale), np.ones((10, 3)))
 
 
@@ -138,8 +139,10 @@ def test_memory_is_for_points_that_photographs_see(clean_structure: Structure) -
     colours = rng.integers(60, 180, (len(centres), 3))
     photographs = [plain(centre, colour) for centre, colour in zip(centres, colours, strict=True)]
     near = [np.abs(points[:, 0] - x) < 2 * (1 - z) for x, _, z in centres]
-    features = [(Features.none(), np.flatnonzero(seen).astype(np.int32)) for seen in near]
-    structure = replace(clean_structure, points=points, point_features=features)
+    point, frame = np.nonzero(np.transpose(near))
+    seen = Observations(frame.astype(np.int32), point.astype(np.int32), np.zeros((len(point), 2)))
+    cameras = [photograph.camera for photograph in photographs]
+    structure = replace(clean_structure, cameras=cameras, points=points, observations=seen)
     tracemalloc.start()
     try:
         gains = exposure_gains(photographs, structure, Scale(1.0, 1.0))

@@ -26,7 +26,7 @@ from pocketgs.prior.poses.consensus import consensus
 from pocketgs.prior.poses.photometric import correlations
 from pocketgs.prior.poses.refinement import refine
 from pocketgs.prior.poses.robust_adjustment import RobustAdjustment
-from pocketgs.prior.poses.structure import Structure, StructureSettings, _agreeing, _point_features
+from pocketgs.prior.poses.structure import Structure, StructureSettings, _agreeing
 from pocketgs.prior.poses.suspects import contradicted, strangers
 from pocketgs.prior.poses.tolerance import FINEST, MIN_ANGLE, measured_tolerance, widest_tolerance
 from pocketgs.prior.scale import Scale, estimate_scale
@@ -255,7 +255,7 @@ def test_bundle_adjustment(call: Call, walk: Walk) -> None:
     )
     cameras = [frame.camera for frame in walk.frames]
     tracks, _ = link(walk.features, walk.matches)
-    points, seen, _ = _agreeing(cameras, tracks, 8.0)
+    points, seen = _agreeing(cameras, tracks, 8.0)
     settings = replace(StructureSettings().bundle_settings(walk.scale), iterations=8)
     pixels = walk.true[0].project(points)[0]
     given = {
@@ -309,7 +309,7 @@ def test_refinement(call: Call, walk: Walk, stray: bool) -> None:
     assert expected.moved.any() == stray
     assert kept == [new is old for new, old in zip(expected.cameras, cameras, strict=True)]
     np.testing.assert_allclose(found, poses(expected.cameras), atol=1e-4)
-    agreed, _, _ = _agreeing(expected.cameras, tracks, measured_tolerance(expected.cameras, tracks, FINEST))
+    agreed, _ = _agreeing(expected.cameras, tracks, measured_tolerance(expected.cameras, tracks, FINEST))
     assert abs(len(points) / 3 - len(agreed)) <= 0.01 * len(agreed)
     assert 50 < seen < len(points) / 3
     assert last == 4
@@ -376,15 +376,13 @@ def test_exposure(call: Call, walk: Walk) -> None:
     mask = np.ones((120, 160), bool)
     mask[:, :40] = False
     frames[3] = replace(frames[3], mask=mask)
-    tracks, feature = link(walk.features, walk.matches)
-    points, seen, behind = _agreeing(walk.true, tracks, 2.0)
-    point_features = [_point_features(walk.features[view], feature[behind], seen, view) for view in range(len(frames))]
+    tracks, _ = link(walk.features, walk.matches)
+    points, seen = _agreeing(walk.true, tracks, 2.0)
     structure = Structure(
         names=tuple(frame.name for frame in frames),
         cameras=walk.true,
         points=points,
         observations=seen,
-        point_features=point_features,
         rmse_before=0.0,
         rmse_after=0.0,
         tolerance=2.0,

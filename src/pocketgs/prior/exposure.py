@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from pocketgs.capture.capture import Frame
-from pocketgs.prior.features.observations import Observations, enough_for_each_view
+from pocketgs.prior.features.observations import enough_for_each_view
 from pocketgs.prior.features.tracks import view_distances
 from pocketgs.prior.poses.structure import Structure
 from pocketgs.prior.scale import Scale
@@ -150,13 +150,11 @@ def _medians(values: np.ndarray, alike: Sequence[tuple[np.ndarray, np.ndarray]],
 
 def _chosen_points(structure: Structure) -> tuple[np.ndarray, list[np.ndarray]]:
     """(N, 3) points that are enough to tell exposures, and for each view the numbers of those that it sees."""
-    numbers = [point for _, point in structure.point_features]
-    frame = np.repeat(np.arange(len(numbers)), [len(point) for point in numbers])
-    seen = Observations(frame, np.concatenate(numbers), np.zeros((len(frame), 2)))
+    seen = structure.observations
     chosen = np.zeros(len(structure.points), bool)
-    chosen[seen.point[enough_for_each_view(seen, len(numbers), ENOUGH_POINTS)]] = True
+    chosen[seen.point[enough_for_each_view(seen, len(structure.cameras), ENOUGH_POINTS)]] = True
     place = np.cumsum(chosen) - 1
-    return structure.points[chosen], [place[point[chosen[point]]] for point in numbers]
+    return structure.points[chosen], [place[own.point[chosen[own.point]]] for own in structure.by_frame()]
 
 
 def needs_compensation(frames: Sequence[Frame], gains: np.ndarray, scale: Scale) -> bool:

@@ -195,7 +195,7 @@ def _with_one_exposure(
 def _seen_points(structure: Structure | None, capture: Capture) -> list[np.ndarray]:
     """For each training frame, (N, 3) the sparse points that it sees; without any, those of the capture's own cloud."""
     if structure is not None:
-        return [structure.points[point] for _, point in structure.point_features]
+        return [structure.points[seen.point] for seen in structure.by_frame()]
     if capture.points is not None:
         return seen_points(capture.points, capture.train)
     return [np.zeros((0, 3))] * len(capture.train)
@@ -206,10 +206,10 @@ def _sparse_cloud(frames: Sequence[Frame], structure: Structure | None) -> Point
     if structure is None:
         return PointCloud(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3)))
     colours, directions = np.zeros((2, len(structure.points), 3))
-    for frame, (features, point) in zip(frames, structure.point_features, strict=True):
-        columns, rows = features.pixels.astype(np.int64).T
-        colours[point] = frame.image[rows, columns] / np.float32(255)
-        away = frame.camera.centre - structure.points[point]
-        directions[point] = away / np.linalg.norm(away, axis=1, keepdims=True)
+    for frame, seen in zip(frames, structure.by_frame(), strict=True):
+        columns, rows = seen.pixels.astype(np.int64).T
+        colours[seen.point] = frame.image[rows, columns] / np.float32(255)
+        away = frame.camera.centre - structure.points[seen.point]
+        directions[seen.point] = away / np.linalg.norm(away, axis=1, keepdims=True)
     finite = np.isfinite(structure.points).all(axis=1)
     return PointCloud(structure.points, colours, directions).select(finite)

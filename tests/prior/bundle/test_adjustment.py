@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from dataclasses import replace
 
 import numba
@@ -12,7 +13,17 @@ from hypothesis import strategies as st
 from scipy.optimize import least_squares
 
 from pocketgs.geometry.camera import Camera
-from pocketgs.prior.bundle.adjustment import BundleResult, BundleSettings, adjust_bundle, adjust_pose, huber_cost
+from pocketgs.prior.bundle.adjustment import (
+    BundleResult,
+    BundleSettings,
+    _solve,
+    adjust_bundle,
+    adjust_pose,
+    huber_cost,
+)
+from pocketgs.prior.bundle.equations import CameraEquations
+from pocketgs.prior.bundle.pose_prior import pose_prior
+from pocketgs.prior.bundle.problem import first_estimate
 from pocketgs.prior.bundle.reprojection import BEHIND
 from prior.bundle_problem import Problem, centres, make_problem, pose_errors, predicted, turned_and_moved
 
@@ -190,6 +201,34 @@ def test_every_number_of_threads_gives_the_same_bits() -> None:
     one, many = results
     np.testing.assert_array_equal(many.points, one.points)
     np.testing.assert_array_equal(many.cameras[3].world_to_camera, one.cameras[3].world_to_camera)
+
+
+def test_the_matrix_of_many_cameras_is_not_copied() -> None:
+    """With 700 cameras, each copy would take 141 MB. With so many, the points are in a single part."""
+    problem = make_problem(frames=700, points=40, views=3)
+    matrix_bytes = 8 * (6 * 700) ** 2
+    tracemalloc.start()
+    try:
+        adjust_bundle(problem.cameras, problem.points, problem.observations, replace(HELD, iterations=1))
+        assert tracemalloc.get_traced_memory()[1] < 1.2 * matrix_bytes
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.parametrize("fixed", [0, 7])
+def test_a_step_solves_the_damped_equations(fixed: int) -> None:
+    rng = np.random.default_rng(0)
+    cameras = make_problem(frames=50, points=4, views=2).cameras
+    estimate = first_estimate(cameras, np.zeros((0, 3)))
+    factor = rng.normal(size=(300, 320))
+    lower, right, free = np.tril(factor @ factor.T), rng.normal(size=300), np.arange(300) >= fixed
+    prior = pose_prior(estimate, 0.1, 0.2)
+    equations = CameraEquations(lower.copy(), right, np.diag(lower).copy(), right)
+    step, _ = _solve(equations, prior, estimate, 0.1, free)
+    damped = np.tril(lower, -1) + np.tril(lower, -1).T
+    damped += np.diag(np.diag(lower) + prior.weights + 0.1 * (np.diag(lower) + prior.weights))
+    np.testing.assert_allclose(step[free], np.linalg.solve(damped[fixed:, fixed:], right[fixed:]), rtol=1e-9)
+    np.testing.assert_array_equal(step[~free], 0.0)
 
 
 def test_points_behind_a_camera_do_no_harm() -> None:

@@ -2,11 +2,21 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 
 from pocketgs.geometry.camera import Camera, look_at
 from pocketgs.prior.features.features import Features
-from pocketgs.prior.features.pairs import PAIRS_PER_VIEW, by_appearance, by_pose, choose_pairs, in_sequence
+from pocketgs.prior.features.pairs import (
+    PAIRS_PER_VIEW,
+    WORDS,
+    _words,
+    by_appearance,
+    by_pose,
+    choose_pairs,
+    in_sequence,
+)
 
 
 def camera_at(eye: tuple[float, float, float]) -> Camera:
@@ -52,6 +62,19 @@ def test_views_that_show_the_same_kinds_are_alike() -> None:
     features = [features_of(kinds[view // 2], view) for view in range(10)]
     pairs = by_appearance(features)
     assert all((view, view + 1) in pairs for view in range(0, 10, 2))
+
+
+def test_words_are_drawn_without_a_copy_of_all_features() -> None:
+    features = [features_of(np.random.default_rng(view).integers(0, 1000, 200 + view % 3), view) for view in range(60)]
+    everything = np.concatenate([view.descriptors for view in features])
+    drawn = np.sort(np.random.default_rng(0).permutation(len(everything))[:WORDS])
+    np.testing.assert_array_equal(_words([*features, Features.none()]), everything[drawn])
+    tracemalloc.start()
+    try:
+        _words(features)
+        assert tracemalloc.get_traced_memory()[1] < everything.nbytes / 2
+    finally:
+        tracemalloc.stop()
 
 
 def test_views_without_features_are_like_nothing() -> None:

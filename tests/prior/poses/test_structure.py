@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +19,10 @@ from pocketgs.gpu.adapters import Adapter
 from pocketgs.prior.bundle.adjustment import BundleSettings, adjust_bundle, huber_cost
 from pocketgs.prior.bundle.cpu.schur import CpuAdjuster
 from pocketgs.prior.bundle.webgpu.equations import WebGpuAdjuster
+from pocketgs.prior.features.detection import detect_all
+from pocketgs.prior.features.features import Features
 from pocketgs.prior.features.tracks import reprojection_errors, triangulate, triangulation_angles, view_distances
+from pocketgs.prior.poses.refinement import refine as refine_poses
 from pocketgs.prior.poses.structure import Structure, StructureSettings, build_structure
 from pocketgs.prior.poses.tolerance import MIN_ANGLE
 from pocketgs.prior.scale import Scale, estimate_scale
@@ -93,14 +98,38 @@ def test_points_are_well_seen(walk: Refined) -> None:
     assert np.mean(angles >= MIN_ANGLE) > 0.99
 
 
-def test_point_features_are_the_features_behind_the_points(walk: Refined) -> None:
-    structure = walk.structure
-    seen = structure.observations
-    for view, (features, point) in enumerate(structure.point_features):
-        own = seen.frame == view
-        assert len(features.pixels) == len(features.descriptors) == len(point) == own.sum()
-        expected = sorted(zip(seen.point[own].tolist(), seen.pixels[own].tolist(), strict=True))
-        assert sorted(zip(point.tolist(), features.pixels.tolist(), strict=True)) == expected
+def test_observations_by_frame_are_all_of_them(walk: Refined) -> None:
+    seen = walk.structure.observations
+    for view, own in enumerate(walk.structure.by_frame()):
+        here = seen.select(seen.frame == view)
+        for name in ("frame", "point", "pixels"):
+            np.testing.assert_array_equal(getattr(own, name), getattr(here, name))
+
+
+def test_a_frame_that_sees_no_point_has_no_observations(walk: Refined) -> None:
+    seen = walk.structure.observations
+    blind = replace(walk.structure, observations=seen.select(seen.frame < len(walk.structure.cameras) - 1))
+    assert [len(own) > 0 for own in blind.by_frame()] == [True] * (len(blind.cameras) - 1) + [False]
+
+
+def test_descriptors_are_gone_before_poses_are_adjusted(walk: Refined, monkeypatch: pytest.MonkeyPatch) -> None:
+    descriptors: list[weakref.ref[np.ndarray]] = []
+
+    def detect(*arguments: Any) -> list[Features]:
+        found = detect_all(*arguments)
+        descriptors.extend(weakref.ref(features.descriptors) for features in found)
+        return found
+
+    def check(adjustment: Any, *arguments: Any) -> Any:
+        assert len(descriptors) == len(walk.capture.frames)
+        assert not any(gone() is not None for gone in descriptors)
+        return refine_poses(adjustment, *arguments)
+
+    monkeypatch.setattr("pocketgs.prior.poses.structure.detect_all", detect)
+    monkeypatch.setattr("pocketgs.prior.poses.structure.refine", check)
+    structure = build_structure(walk.capture.frames, walk.scale, DEFAULT, walk.capture.photographs)
+    assert structure is not None
+    np.testing.assert_array_equal(structure.points, walk.structure.points)
 
 
 def black(frame: Frame) -> Frame:
@@ -135,10 +164,7 @@ def test_a_part_of_the_frames(walk: Refined) -> None:
     assert np.all(np.bincount(part.observations.point, minlength=len(part.points)) >= 2)
     errors = reprojection_errors(part.cameras, part.points, part.observations)
     assert np.percentile(errors, 99) < part.tolerance
-    for view, (features, point) in enumerate(part.point_features):
-        own = part.observations.frame == view
-        assert sorted(features.pixels.tolist()) == sorted(part.observations.pixels[own].tolist())
-        assert sorted(point.tolist()) == sorted(part.observations.point[own].tolist())
+    assert [len(own) for own in part.by_frame()] == np.bincount(part.observations.frame, minlength=4).tolist()
 
 
 def test_right_poses_are_kept(clean_walk: Capture, clean_structure: Structure) -> None:
@@ -150,10 +176,10 @@ def test_right_poses_are_kept(clean_walk: Capture, clean_structure: Structure) -
 
 def test_points_lie_on_surfaces(clean_walk: Capture, clean_structure: Structure) -> None:
     off = []
-    for frame, (features, point) in zip(clean_walk.train, clean_structure.point_features, strict=True):
+    for frame, seen in zip(clean_walk.train, clean_structure.by_frame(), strict=True):
         assert frame.depth is not None
-        depth = frame.camera.project(clean_structure.points[point])[1]
-        columns, rows = features.pixels.astype(int).T
+        depth = frame.camera.project(clean_structure.points[seen.point])[1]
+        columns, rows = seen.pixels.astype(int).T
         off.append(np.abs(depth / frame.depth[rows, columns] - 1))
     assert np.median(np.concatenate(off)) < 0.005
     assert np.mean(np.concatenate(off) < 0.05) > 0.9

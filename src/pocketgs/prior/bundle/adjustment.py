@@ -25,6 +25,9 @@ from pocketgs.prior.bundle.problem import by_point, check, first_estimate
 from pocketgs.prior.bundle.reprojection import CAMERA_UNKNOWNS, Estimate, Sightings, distances
 from pocketgs.prior.features.observations import Observations
 
+MIRRORED_AT_ONCE = 128
+"""Rows that are mirrored at once: their copy stays in the cache."""
+
 
 @dataclass(frozen=True)
 class BundleSettings:
@@ -225,11 +228,24 @@ def _solve(
     """
     slope = -prior.weights * prior.deviation(estimate)
     added = damping * np.maximum(equations.diagonal + prior.weights, MIN_DIAGONAL)
-    matrix = equations.matrix + np.diag(prior.weights + added)
-    factor = cho_factor(matrix[np.ix_(free, free)], lower=True, overwrite_a=True, check_finite=False)
+    # With many cameras, the matrix is the largest array of all: nothing else needs it, and it is not copied.
+    matrix = equations.matrix
+    matrix[np.diag_indices_from(matrix)] += prior.weights + added
+    matrix = _symmetric(matrix if free.all() else matrix[np.ix_(free, free)])
+    factor = cho_factor(matrix.T, lower=True, overwrite_a=True, check_finite=False)
     step = np.zeros(len(free))
     step[free] = cho_solve(factor, (equations.right + slope)[free], check_finite=False)
     return step, 0.5 * float(step @ (added * step + equations.gradient + slope))
+
+
+def _symmetric(matrix: np.ndarray) -> np.ndarray:
+    """The matrix, with its lower triangle mirrored to the upper one: its transpose is then in LAPACK's order."""
+    for start in range(0, len(matrix), MIRRORED_AT_ONCE):
+        end = start + MIRRORED_AT_ONCE
+        matrix[start:end, end:] = matrix[end:, start:end].T
+        lower = np.tril(matrix[start:end, start:end])
+        matrix[start:end, start:end] = lower + np.tril(lower, -1).T
+    return matrix
 
 
 def _moved(estimate: Estimate, camera_step: np.ndarray) -> Estimate:

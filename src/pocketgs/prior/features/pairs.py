@@ -11,7 +11,7 @@ import numpy as np
 
 from pocketgs.capture.unposed import by_number
 from pocketgs.geometry.camera import Camera
-from pocketgs.prior.features.features import Features
+from pocketgs.prior.features.features import DESCRIPTOR, Features
 from pocketgs.prior.features.tracks import WIDEST_ANGLE, view_distances
 
 Pair = tuple[int, int]
@@ -86,9 +86,7 @@ def likeness(features: Sequence[Features]) -> np.ndarray:
 
     Words are random features: clustering would be slower, and hardly better for this number of views.
     """
-    everything = np.concatenate([np.zeros((0, 128), np.float32), *[view.descriptors for view in features]])
-    drawn = np.random.default_rng(0).permutation(len(everything))[:WORDS]
-    words = everything[np.sort(drawn)]
+    words = _words(features)
     counts = np.zeros((len(features), max(len(words), 1)))
     for row, view in zip(counts, features, strict=True):
         if len(view.descriptors):
@@ -97,6 +95,15 @@ def likeness(features: Sequence[Features]) -> np.ndarray:
     weighted = np.sqrt(counts) * rarity
     weighted /= np.maximum(np.linalg.norm(weighted, axis=1, keepdims=True), 1e-12)
     return weighted @ weighted.T
+
+
+def _words(features: Sequence[Features]) -> np.ndarray:
+    """(W, 128) descriptors of random features, at most `WORDS`, without a copy of all of them."""
+    starts = np.cumsum([0, *(len(view.descriptors) for view in features)])
+    drawn = np.sort(np.random.default_rng(0).permutation(starts[-1])[:WORDS])
+    views = np.searchsorted(starts, drawn, side="right") - 1
+    words = [features[view].descriptors[number] for view, number in zip(views, drawn - starts[views], strict=True)]
+    return np.array(words, np.float32).reshape(-1, DESCRIPTOR)
 
 
 def _pair(first: int, second: int) -> Pair:

@@ -29,6 +29,7 @@ from pocketgs.prior.poses.robust_adjustment import RobustAdjustment
 from pocketgs.prior.poses.suspects import contradicted, strangers
 from pocketgs.prior.poses.tolerance import FINEST, MIN_ANGLE, measured_tolerance, widest_tolerance
 from pocketgs.prior.scale import Scale
+from pocketgs.system.freed_memory import give_back
 
 MAX_STEPS, NEGLIGIBLE_GAIN = 15, 1e-4
 """Adjustment ends after this many steps, or when a step lowers the cost by less than this share: far below noise."""
@@ -76,7 +77,6 @@ class Structure:
         cameras: of the frames.
         points: (N, 3) float64.
         observations: of the points in the frames, consistent with `cameras` within `tolerance`.
-        point_features: for each frame its features that are points, and (L,) the index of each one's point.
         rmse_before, rmse_after: root mean square reprojection error in pixels with the given poses (for replaced
             frames, with their new ones before refinement), and with `cameras`.
         tolerance: maximum reprojection error of an observation, in pixels.
@@ -91,7 +91,6 @@ class Structure:
     cameras: list[Camera]
     points: np.ndarray
     observations: Observations
-    point_features: list[tuple[Features, np.ndarray]]
     rmse_before: float
     rmse_after: float
     tolerance: float
@@ -115,17 +114,19 @@ class Structure:
         kept = np.bincount(self.observations.point[inside], minlength=len(self.points)) >= 2
         numbers = np.cumsum(kept, dtype=np.int32) - 1
         seen = self.observations.select(inside & kept[self.observations.point])
-        point_features = []
-        for features, point in (self.point_features[index] for index in chosen):
-            point_features.append((features.select(kept[point]), numbers[point[kept[point]]]))
         return replace(
             self,
             names=tuple(self.names[index] for index in chosen),
             cameras=[self.cameras[index] for index in chosen],
             points=self.points[kept],
             observations=Observations(place[seen.frame], numbers[seen.point], seen.pixels),
-            point_features=point_features,
         )
+
+    def by_frame(self) -> list[Observations]:
+        """For each frame the observations in it, in their order."""
+        order = np.argsort(self.observations.frame, kind="stable")
+        counts = np.bincount(self.observations.frame, minlength=len(self.cameras))
+        return [self.observations.select(own) for own in np.split(order, np.cumsum(counts)[:-1])]
 
 
 def build_structure(
@@ -163,7 +164,9 @@ def build_structure(
     check_convention(given, features, matches)
     placed, matches, wrong = _placed(given, features, matches, finest, settings.bundle, scale, finder)
     sound = {pair: found for pair, found in matches.items() if not wrong[list(pair)].any()}
-    tracks, feature = link(features, sound)
+    tracks, _ = link(features, sound)
+    del features  # descriptors take 1 MB a frame, and matrices of many frames need the room
+    give_back()
     if not len(tracks):
         return None
     cameras, carried = placed, np.zeros(len(frames), bool)
@@ -173,7 +176,7 @@ def build_structure(
         refinement = refine(adjustment, tracks, [frame.image for frame in frames], scale.distance)
         cameras, carried = refinement.cameras, refinement.carried
     tolerance = measured_tolerance(cameras, tracks, finest)
-    points, seen, behind = _agreeing(cameras, tracks, tolerance)
+    points, seen = _agreeing(cameras, tracks, tolerance)
     if len(points) < settings.fewest_points:
         return None
     changed = [new is not old for new, old in zip(placed, given, strict=True)]
@@ -182,7 +185,6 @@ def build_structure(
         cameras=cameras,
         points=points,
         observations=seen,
-        point_features=[_point_features(features[view], feature[behind], seen, view) for view in range(len(frames))],
         rmse_before=_rmse(placed, triangulate(placed, seen), seen),
         rmse_after=_rmse(cameras, points, seen),
         tolerance=tolerance,
@@ -220,10 +222,8 @@ def _chosen(names: Sequence[str], which: Sequence[bool] | np.ndarray) -> tuple[s
     return tuple(name for name, chosen in zip(names, which, strict=True) if chosen)
 
 
-def _agreeing(
-    cameras: Sequence[Camera], tracks: Observations, tolerance: float
-) -> tuple[np.ndarray, Observations, np.ndarray]:
-    """The points that observations agree on, those observations, and their (M,) indices in the tracks."""
+def _agreeing(cameras: Sequence[Camera], tracks: Observations, tolerance: float) -> tuple[np.ndarray, Observations]:
+    """The points that observations agree on, and those observations."""
     kept = np.flatnonzero(consensus(cameras, tracks, tolerance, MIN_ANGLE).agrees)
     for _ in range(2):
         seen = tracks.select(kept).renumbered()
@@ -233,17 +233,10 @@ def _agreeing(
         angles = triangulation_angles(cameras, points, seen.select(near))
         kept = kept[near & ((views >= 2) & (angles >= MIN_ANGLE))[seen.point]]
     seen = tracks.select(kept).renumbered()
-    return triangulate(cameras, seen), seen, kept
+    return triangulate(cameras, seen), seen
 
 
 def _rmse(cameras: Sequence[Camera], points: np.ndarray, observations: Observations) -> float:
     errors = reprojection_errors(cameras, points, observations)
     finite = errors[np.isfinite(errors)]
     return float(np.sqrt(np.mean(finite**2))) if len(finite) else 0.0
-
-
-def _point_features(
-    features: Features, feature: np.ndarray, observations: Observations, view: int
-) -> tuple[Features, np.ndarray]:
-    here = observations.frame == view
-    return features.select(feature[here]), observations.point[here]

@@ -117,7 +117,8 @@ def reduced_equations(
     parts = share_count(len(estimate.centres))
     shares = CameraEquations(np.zeros((parts, size, size)), *np.zeros((3, parts, size)))
     _reduce(sightings, estimate, huber, damping, points, shares)
-    return CameraEquations(*(share.sum(axis=0) for share in shares)), points
+    # A single part is not copied: its matrix is large.
+    return CameraEquations(*(share[0] if parts == 1 else share.sum(axis=0) for share in shares)), points
 
 
 def share_count(cameras: int) -> int:

@@ -131,7 +131,9 @@ class WebGpuEquations:
         tiles[self._pairs[:, 0], :, self._pairs[:, 1]] -= pairs.reshape(-1, CAMERA_UNKNOWNS, CAMERA_UNKNOWNS)
         diagonal, right = np.einsum("faa->fa", blocks).ravel(), gradient - taken.ravel()
         units = self._units()
-        return CameraEquations(matrix / np.outer(units, units), right / units, diagonal / units**2, gradient / units)
+        for row, unit in zip(matrix, units, strict=True):
+            row /= unit * units  # in place: the matrix of many cameras is large
+        return CameraEquations(matrix, right / units, diagonal / units**2, gradient / units)
 
     def _read(self, name: str, words: int, rows: int) -> np.ndarray:
         return self._executor.read(name, np.float32, words * rows).reshape(rows, words).astype(np.float64)
