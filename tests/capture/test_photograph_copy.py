@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+import os
 from pathlib import Path
 
 import numpy as np
@@ -60,6 +62,27 @@ def test_long_notes_in_exif_are_left_out(tmp_path: Path) -> None:
     assert stored.size == (48, 64)
     assert stored.getexif()[ExifTags.Base.Model] == "Phone"
     assert stored.getexif().get_ifd(ExifTags.IFD.Exif)[ExifTags.Base.FocalLengthIn35mmFilm] == 26
+
+
+def test_names_of_copies_are_unicode(tmp_path: Path) -> None:
+    """COLMAP takes no others. Masks have the copies' names."""
+    source = tmp_path / "photos"
+    source.mkdir()
+    written = [os.fsdecode(name) for name in (b"caf\xe9.png", b"caf\xe8.png", b"caf_.png", "weiß.png".encode())]
+    for name in written:
+        photograph = io.BytesIO()
+        Image.fromarray(PICTURE).save(photograph, "PNG")
+        try:
+            (source / name).write_bytes(photograph.getvalue())
+        except OSError:
+            pytest.skip("this file system has Unicode names only")
+    names = names_of_copies(find_photographs(source))
+    copies = {path.name: name for path, name in names.items()}
+    assert copies[written[2]] == "caf_.png"
+    assert copies[written[3]] == "weiß.png"
+    assert {copies[written[0]], copies[written[1]]} == {"caf__2.png", "caf__3.png"}
+    place_masks({source / written[0]: source / written[0]}, names, tmp_path / "masks")
+    assert [path.name for path in (tmp_path / "masks").iterdir()] == [f"{copies[written[0]]}.png"]
 
 
 def test_masks_of_photographs_without_poses_are_turned_with_them(tmp_path):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import count
@@ -24,6 +25,9 @@ COLMAP_FORMATS = frozenset({"JPEG", "MPO", "PNG", "TIFF", "BMP"})
 JPEG_SUFFIXES = (".jpg", ".jpeg")
 JPEG_QUALITY = 97
 
+SURROGATES = re.compile("[\ud800-\udfff]")
+"""What stands for the bytes of a file name that are not UTF-8."""
+
 MOST_EXIF = 65_533
 """Bytes that fit into a segment of a JPEG file."""
 
@@ -32,7 +36,8 @@ def names_of_copies(photographs: Sequence[Path]) -> dict[Path, str]:
     """The file name of each photograph's copy, see `place_photograph`.
 
     Names are unique, also where the file system ignores case, and none is that of another photograph: a copy may be a
-    hard link to its photograph, which must not be written to.
+    hard link to its photograph, which must not be written to. They are Unicode, as COLMAP demands: bytes of other
+    encodings, as old archives have them, become underscores.
 
     Raises:
         PocketGSError: a photograph is not an image.
@@ -80,11 +85,12 @@ def _possible_names(photograph: Path) -> Iterator[str]:
     """Names for a photograph's copy, the best first."""
     header, suffix = read_header(photograph), photograph.suffix
     usual = (".png",) if header.has_alpha else JPEG_SUFFIXES
+    named = photograph.with_name(SURROGATES.sub("_", photograph.name))
     if not _is_kept(photograph, header) and suffix.lower() not in usual:
         suffix = usual[0]
-        yield f"{photograph.stem}{suffix}"
-    yield photograph.name if suffix == photograph.suffix else f"{photograph.name}{suffix}"
-    yield from (f"{photograph.stem}_{number}{suffix}" for number in count(2))
+        yield f"{named.stem}{suffix}"
+    yield named.name if suffix == photograph.suffix else f"{named.name}{suffix}"
+    yield from (f"{named.stem}_{number}{suffix}" for number in count(2))
 
 
 def place_masks(
