@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
 from pocketgs.capture import Capture, open_capture
+from pocketgs.capture.synthetic import true_capture
 from pocketgs.errors import PocketGSError
 from pocketgs.scene.point_cloud import PointCloud
 from pocketgs.structure_from_motion.sparse_cloud import partners, triangulate
@@ -53,6 +54,18 @@ def test_a_missing_pycolmap_is_said_before_the_work_starts(
 def test_photographs_of_nothing_give_no_points(small_capture: Capture) -> None:
     blank = [replace(frame, image=np.full_like(frame.image, 128)) for frame in small_capture.train[:3]]
     assert len(triangulate(blank)) == 0
+
+
+@pytest.mark.parametrize("by", ["mask", "alpha"])
+def test_masked_pixels_give_no_points(by: str) -> None:
+    """Three views have to see a point, so the photograph without a mask is used too."""
+    frames = true_capture(240, 180, frames=12, points=10).train[:3]
+    half = np.arange(240) < np.full((180, 1), 120)
+    left_out = {"mask": half} if by == "mask" else {"alpha": np.where(half, 255, 0).astype(np.uint8)}
+    found = triangulate([frames[0], *(replace(frame, **left_out) for frame in frames[1:])])
+    assert len(found) > 10
+    for frame in frames[1:]:
+        assert frame.camera.project(found.positions)[0][:, 0].max() < 122
 
 
 @pytest.mark.slow

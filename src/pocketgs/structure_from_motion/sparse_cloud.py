@@ -26,6 +26,8 @@ def triangulate(
 ) -> PointCloud:
     """Extract features, match and triangulate them with COLMAP, at the frames' poses.
 
+    Pixels that masks and alpha leave out have no features.
+
     Args:
         frames: at least two, undistorted, with distinct camera centres.
         seed: random seed.
@@ -75,6 +77,7 @@ def _job(frames: Sequence[Frame], folder: Path, seed: int) -> TriangulationJob:
     cameras = [frame.camera for frame in frames]
     return {
         "images": str(images),
+        "masks": _masks(frames, names, folder / "masks"),
         "model": str(model),
         "pairs": str(pairs),
         "database": str(folder / "database.db"),
@@ -90,3 +93,17 @@ def _job(frames: Sequence[Frame], folder: Path, seed: int) -> TriangulationJob:
         "threads": threads_that_fit(max(camera.width * camera.height for camera in cameras)),
         "seed": seed,
     }
+
+
+def _masks(frames: Sequence[Frame], names: Sequence[str], folder: Path) -> str | None:
+    """Write the frames' masks to a folder, under COLMAP's names; None if no frame has one.
+
+    COLMAP leaves out images that lack one, so if any frame has a mask, all get one.
+    """
+    if all(frame.usable is None for frame in frames):
+        return None
+    folder.mkdir()
+    for frame, name in zip(frames, names, strict=True):
+        usable = np.ones(frame.image.shape[:2], bool) if frame.usable is None else frame.usable
+        Image.fromarray(255 * usable.astype(np.uint8)).save(folder / f"{name}.png", compress_level=1)
+    return str(folder)

@@ -37,6 +37,7 @@ def _extract(job: TriangulationJob, database: Path) -> None:
     names, mode = sorted(job["cameras"]), pycolmap.CameraMode.PER_IMAGE
     reader = pycolmap.ImageReaderOptions()
     reader.camera_model = "PINHOLE"
+    reader.mask_path = job["masks"] or ""
     pycolmap.Database.open(database).close()
     pycolmap.import_images(database, job["images"], mode, names, reader)
     with pycolmap.Database.open(database) as found:

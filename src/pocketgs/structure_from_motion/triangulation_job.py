@@ -24,6 +24,8 @@ class TriangulationJob(TypedDict):
 
     Attributes:
         images: their folder.
+        masks: folder with their masks, with the images' names plus `.png`, or None; features are sought where masks are
+            not black.
         model: output folder.
         database: file to be made.
         pairs: file that names two images a line.
@@ -34,6 +36,7 @@ class TriangulationJob(TypedDict):
     """
 
     images: str
+    masks: str | None
     model: str
     database: str
     pairs: str
