@@ -106,6 +106,25 @@ def test_the_captures_own_cloud_is_taken_where_its_poses_hold(
     assert len(few.points) == few.report.points == 1500
 
 
+@pytest.mark.parametrize(("own_cloud", "bundle", "needed"), [(1, 0, False), (1, 1, True), (0, 0, True), (0, 1, True)])
+def test_pycolmap_is_missed_before_the_prior_starts(
+    small_capture: Capture, monkeypatch: pytest.MonkeyPatch, own_cloud: int, bundle: int, needed: bool
+) -> None:
+    """Where it may be needed: the capture has no cloud, or the cloud does not fit refined poses."""
+
+    class StartedError(Exception):
+        pass
+
+    def start(*_: object) -> None:
+        raise StartedError
+
+    monkeypatch.setattr("pocketgs.structure_from_motion.process.find_spec", lambda name: None)
+    monkeypatch.setattr("pocketgs.training.preparation.build_prior", start)
+    capture = small_capture if own_cloud else replace(small_capture, points=None)
+    with pytest.raises(PocketGSError if needed else StartedError):
+        prepare(capture, TrainingOptions(prior="colmap", bundle=bool(bundle)))
+
+
 def test_a_capture_without_a_cloud_gets_colmaps(small_capture: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
     cloud = PointCloud(np.random.default_rng(0).normal(size=(900, 3)), np.zeros((900, 3)))
     monkeypatch.setattr("pocketgs.training.preparation.triangulate", lambda frames, seed: cloud)

@@ -61,7 +61,8 @@ def prepare(
     options = sized(options or TrainingOptions(), [(f.camera.width, f.camera.height) for f in capture.train])
     stopwatch = stopwatch or Stopwatch()
     prepared = PreparedCapture.of(capture, None)
-    if options.prior == "colmap" and capture.points is None:
+    if options.prior == "colmap" and (capture.points is None or options.bundle):
+        # The capture's own cloud does not fit poses that have been refined.
         check_installed()
     if options.prior != "none":
         numba.set_num_threads(kernel_threads(options.threads))
