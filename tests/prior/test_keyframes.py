@@ -120,6 +120,9 @@ def test_of_many_frames_those_looked_at_are_spread_evenly(monkeypatch: pytest.Mo
     assert len(decisions) == 200
     nearest = np.abs(np.arange(200)[:, None] - kept(decisions)).min(axis=1)
     assert nearest.max() * 0.05 < DISTANCE
+    reasons = [decision.reason for decision in decisions]
+    assert reasons.count("not among the 30 considered") == 170
+    assert reasons.count("what it sees is covered") == 30 - len(kept(decisions))
 
 
 @pytest.mark.parametrize("copies", [2, 5, 20])

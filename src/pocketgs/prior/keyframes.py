@@ -101,9 +101,13 @@ def select_keyframes(
     views = [_Cells.of(frames[index], points[index], distance) for index in looked_at]
     relative = _relative_sharpness(sharpnesses)[looked_at] ** 2
     chosen = {int(looked_at[view]): gain for view, gain in _greedy(views, relative, settings)}
+    considered = set(looked_at.tolist())
     decisions = []
     for index, frame in enumerate(frames):
-        reason = f"covers {chosen[index]:.1%} more" if index in chosen else "what it sees is covered"
+        if index in chosen:
+            reason = f"covers {chosen[index]:.1%} more"
+        else:
+            reason = "what it sees is covered" if index in considered else f"not among the {len(looked_at)} considered"
         decisions.append(Decision(frame.name, index in chosen, reason, float(sharpnesses[index])))
     return decisions
 
