@@ -315,6 +315,38 @@ def test_more_cores_take_no_more_than_there_is(size: tuple[int, int], cores: int
     assert plan.peak_rss_mb <= 3000
 
 
+def test_many_photographs_take_memory_for_their_features() -> None:
+    """Each has up to 2,000, with 128 numbers each; all together have 2 million."""
+    counts, held = (20, 500, 1000, 3000), []
+    for count in counts:
+        listed = photographs(160, 120, count)
+        plan = make_plan(listed, SizedOptions(max_memory=100_000), MACHINE)
+        held.append(plan.rss_by_stage_mb["poses"] - 1.1e-6 * listed.outline().image_bytes)
+    few, some, many, more = held
+    descriptors = 4e-6 * 128 * 2000
+    assert some - few > descriptors * (500 - 20)
+    assert many - some > descriptors * (1000 - 500)
+    assert more - many < 10
+    options = SizedOptions(max_memory=100_000, prior="none")
+    assert "poses" not in make_plan(photographs(160, 120, 1000), options, MACHINE).rss_by_stage_mb
+
+
+def test_many_photographs_take_time_for_equations_of_all_of_them() -> None:
+    machine, options = replace(MACHINE, speed=Speed(1.0, 1.0, 1.0)), SizedOptions(max_memory=100_000, time_budget=1e5)
+
+    def refining(count: int) -> float:
+        with_it, without = (
+            make_plan(photographs(160, 120, count), replace(options, bundle=bundle), machine).seconds
+            for bundle in (True, False)
+        )
+        assert with_it is not None
+        assert without is not None
+        return with_it - without
+
+    assert refining(100) == pytest.approx(10 * refining(10), rel=0.02)
+    assert refining(1000) > 15 * refining(100)
+
+
 def test_little_memory_reads_one_photograph_after_the_other() -> None:
     listed = photographs(8064, 6048, count=100, preparation=Preparation(max_size=400))
     machine = replace(MACHINE, cores=8)

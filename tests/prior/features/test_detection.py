@@ -69,5 +69,12 @@ def test_many_pixels_are_reduced(photographs: list[Frame], monkeypatch: pytest.M
         assert np.all(found.pixels < (frame.camera.width, frame.camera.height))
 
 
+def test_many_frames_have_fewer_features_each(photographs: list[Frame], monkeypatch: pytest.MonkeyPatch) -> None:
+    usual = detect_all(photographs, 50, FINDER)
+    monkeypatch.setattr(detection, "FEATURES", 30 * len(photographs))
+    fewer = detect_all(photographs, 50, FINDER)
+    assert all(len(features.pixels) <= 30 < len(more.pixels) for features, more in zip(fewer, usual, strict=True))
+
+
 def test_no_frames() -> None:
     assert detect_all([], MOST, FINDER) == []

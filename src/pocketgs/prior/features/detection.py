@@ -21,6 +21,10 @@ MAX_SIDE = 1280
 PIXELS = 160e6
 """Maximum total number of pixels for detection: some 20 s on two cores."""
 
+FEATURES = 2_000_000
+"""Maximum total number of features: descriptors take 1 GB, and matches and tracks nearly as much again. With more than
+a thousand frames, each has fewer."""
+
 MAX_AT_ONCE = 4
 """Maximum number of images in memory in which features are found at the same time. It bounds memory on machines with
 many cores, which are used all the same: OpenCV has threads of its own for each image."""
@@ -36,12 +40,13 @@ def detect_all(
 
     Args:
         frames: as for training; all have a pinhole camera.
-        most: maximum number of features per frame, the strongest.
+        most: maximum number of features per frame, the strongest; fewer if there are many frames.
         finder: detects them.
         photographs: the frames' photographs, possibly larger, or None to use the frames themselves.
     """
     if not frames:
         return []
+    most = min(most, max(1, FEATURES // len(frames)))
     side = detection_side([(frame.camera.width, frame.camera.height) for frame in frames], finder.most_pixels)
     held = max(max(frame.camera.width, frame.camera.height) for frame in frames)
     if photographs is not None and min(side, photographs.longest_side) > WORTHWHILE * held:

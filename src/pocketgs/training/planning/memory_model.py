@@ -10,7 +10,8 @@ from pocketgs.capture.listed import Outline
 from pocketgs.capture.loading import MAX_READERS
 from pocketgs.prior.cloud.volume import DEPTHS, KEPT
 from pocketgs.prior.depth.stereo import StereoNeed
-from pocketgs.prior.features.detection import MAX_AT_ONCE, detection_side
+from pocketgs.prior.features.detection import FEATURES, MAX_AT_ONCE, detection_side
+from pocketgs.prior.poses.structure import StructureSettings
 from pocketgs.system.memory_need import MemoryNeed
 from pocketgs.training.planning.work import Work
 
@@ -31,12 +32,16 @@ OBJECTS = 1.1
 SIFT_PIXEL = 210
 """Bytes per pixel during feature detection: grey levels at double size, six blurred copies, and their differences."""
 
-MATCHING = 70 * MB
-SPARSE = 75 * MB
-"""Features and tables of their products during matching; what remains of them, with the kernels of the prior."""
+MATCHING, MATCHED_FEATURE = 30 * MB, 900
+"""Tables of features' products during matching; and bytes per feature: 528 of its own, its matches in other views, and
+lists of them while they are linked to tracks. Descriptors are gone when poses are adjusted; up to 2,000 views, the
+matrix of all cameras takes less than they did."""
+
+SPARSE, SPARSE_FEATURE = 70 * MB, 75
+"""What remains of them, with the kernels of the prior; and per feature, if all are points."""
 
 ADJUSTMENT = 110 * MB
-"""Machine code and equations of bundle adjustment, assuming that poses are refined."""
+"""Machine code of bundle adjustment and equations of few cameras, assuming that poses are refined."""
 
 MAP_PIXEL = 8
 """Depth and margin as float32."""
@@ -61,7 +66,7 @@ def readers_that_fit(work: Work, resident: int, compiles: bool, cores: int) -> i
         cores: that decode photographs.
     """
     each = max(work.outline.reading_bytes, _detecting(work.outline) if work.has_prior else 0)
-    room = work.options.max_memory * MB - _while_detecting(work, _with_photographs(work.outline, resident, compiles))
+    room = work.options.max_memory * MB - _with_photographs(work.outline, resident, compiles) - _matching(work)
     return max(1, min(cores, MAX_READERS, room // each))
 
 
@@ -84,8 +89,8 @@ def stage_bytes(
     if work.has_prior:
         again = readers * max(outline.reading_bytes, _detecting(outline)) if outline.read_again else 0
         in_memory = min(work.threads, MAX_AT_ONCE) * min(SIFT_PIXEL * outline.pixels, _detecting(outline))
-        stages["poses"] = _while_detecting(work, held) + max(again, in_memory)
-        held = _while_detecting(work, held) - MATCHING + SPARSE
+        stages["poses"] = held + max(_matching(work) + max(again, in_memory), _after_poses(work))
+        held += _after_poses(work)
     if work.has_depth:
         copies = _sweep_copies(work)
         maps = work.keyframes * MAP_PIXEL * work.sweep_pixels
@@ -104,13 +109,23 @@ def _with_photographs(outline: Outline, resident: int, compiles: bool) -> int:
     return resident + LIBRARIES + (COMPILER if compiles else 0) + int(OBJECTS * outline.image_bytes)
 
 
-def _while_detecting(work: Work, held: int) -> int:
-    """Bytes held while poses are refined, besides what the detection of features in single photographs takes."""
+def _matching(work: Work) -> int:
+    """Bytes of features and matches, besides what the detection of features in single photographs takes."""
     if not work.has_prior:
-        return held
+        return 0
+    return (ADJUSTMENT if work.options.bundle else 0) + MATCHING + MATCHED_FEATURE * _features(work.outline)
+
+
+def _after_poses(work: Work) -> int:
+    """Bytes that remain of refining poses and compensating exposure."""
     adjustment = ADJUSTMENT if work.options.bundle else 0
     compensated = int(OBJECTS * work.outline.image_bytes) if work.options.exposure != "off" else 0
-    return held + adjustment + compensated + MATCHING
+    return adjustment + compensated + SPARSE + SPARSE_FEATURE * _features(work.outline)
+
+
+def _features(outline: Outline) -> int:
+    """Maximum number of features of all photographs."""
+    return min(FEATURES, StructureSettings().features * (len(outline.training) + len(outline.held_out)))
 
 
 def _detecting(outline: Outline) -> int:

@@ -20,7 +20,9 @@ MEGA = 1e6
 DECODED_MEGAPIXEL = 0.03
 FEATURES_MEGAPIXEL = 0.2
 MATCHED_PAIR = 0.01
-ADJUSTED_VIEW = 0.1
+ADJUSTED_VIEW, ADJUSTED_CUBE = 0.1, 1e-7
+"""Seconds per view, and per cube of their number: some 30 systems of equations are solved for all cameras at once."""
+
 SWEPT_MEGAPIXEL = 0.5
 SWEPT_MEGAPIXEL_AND_SOURCE = 0.25
 MERGED_MILLION = 0.6
@@ -104,4 +106,5 @@ def _poses(work: Work) -> float:
     looked_at = min(outline.stored_pixels, MAX_SIDE**2, PIXELS / views)
     features = (DECODED_MEGAPIXEL * outline.stored_pixels + FEATURES_MEGAPIXEL * looked_at) / MEGA * views
     pairs = views * min(PAIRS_PER_VIEW, views - 1) / 2
-    return features + MATCHED_PAIR * pairs + (ADJUSTED_VIEW * views if work.options.bundle else 0.0)
+    adjusted = ADJUSTED_VIEW * views + ADJUSTED_CUBE * views**3 if work.options.bundle else 0.0
+    return features + MATCHED_PAIR * pairs + adjusted
