@@ -122,6 +122,27 @@ def test_clouds(call: Call, capture: Capture, has_cloud: bool, has_depth: bool) 
     assert np.median(off) < 0.02
 
 
+def test_pixels_without_depth_take_no_place_from_others(call: Call, capture: Capture) -> None:
+    script = (
+        TYPED
+        + """
+        const [keyframe] = framesOf(given.frames);
+        const { camera } = keyframe;
+        const depth = new Float32Array(camera.width * camera.height).map((_, i) => i % 2);
+        const stereo = { async *compare() { yield { confidences: depth, footprints: depth }; } };
+        const counts = [];
+        for (const share of [2, 4]) {
+            const limited = { ...settings.prior.fusion, max_candidates: depth.length / share };
+            const views = [{ camera, map: { depth, step: 1e-5 } }];
+            counts.push((await module.fuse([keyframe], views, [keyframe], limited, stereo)).count);
+        }
+        return [depth.length, ...counts];
+    """
+    )
+    pixels, *counts = call("prior/fuse.js", script, {"frames": plain_frames(capture.train[2:3])})
+    assert counts == [pixels // 2, -(-pixels // 4)]
+
+
 def test_training_starts_from_other_points_once_memory_is_full(call: Call, capture: Capture) -> None:
     """Whatever finds it full, and what is cancelled, gives the GPU's memory back."""
     script = (

@@ -257,6 +257,21 @@ def wall_frame(name: str, eye: np.ndarray, size: int) -> Frame:
     return Frame(name, camera, grey, depth=np.full((size, size), -eye[2], np.float32))
 
 
+def test_pixels_without_depth_take_no_place_from_others(
+    table: Capture, exact: list[DepthMap], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An object on masked ground keeps all of its pixels, if they are no more than may be merged."""
+    columns = np.arange(160) < 40
+    maps = [certain(np.where(columns, map_.depth, 0).astype(np.float32)) for map_ in exact]
+    pixels, known = (sum(map(count, (map_.depth for map_ in maps))) for count in (np.size, np.count_nonzero))
+    everything = fuse(table.train, maps, table.train, SETTINGS, CpuStereo()).positions
+    for most, kept in ((pixels // 2, 1), (pixels // 4, 1), (pixels // 8, 2), (known // 4, 4)):
+        monkeypatch.setattr("pocketgs.prior.cloud.fuse.MAX_CANDIDATES", most)
+        some = fuse(table.train, maps, table.train, SETTINGS, CpuStereo()).positions
+        assert len(some) == pytest.approx(len(everything) / kept, abs=len(maps))
+        assert kept > 1 or np.array_equal(some, everything)
+
+
 def test_no_depths_give_no_points(table: Capture, exact: list[DepthMap]) -> None:
     unknown = [certain(np.zeros_like(map_.depth)) for map_ in exact]
     cloud = cloud_of(table.train, unknown, table.train, 100)

@@ -53,7 +53,8 @@ def fuse(
     """
     views = views_of(keyframes, maps)
     shell = _far_shell(keyframes, maps)
-    stride = max(1, int(np.ceil(sum(map_.depth.size for map_ in maps) / MAX_CANDIDATES)))
+    known = sum(np.count_nonzero(map_.depth) for map_ in maps)
+    stride = max(1, -(-known // most_candidates(sum(map_.depth.size for map_ in maps))))
     compared = stereo.compare(views, [map_.margin for map_ in maps], settings.tolerance, settings.confidence)
     found = [
         _candidates(keyframe, map_, confirmed, stride, shell)
@@ -62,6 +63,11 @@ def fuse(
     names = Candidates.__dataclass_fields__
     together = Candidates(**{name: np.concatenate([getattr(some, name) for some in found]) for name in names})
     return together.select(~outside_hull(together.positions, frames))
+
+
+def most_candidates(pixels: int) -> int:
+    """Maximum number of pixels to merge: of every so many one, if all of them had depth."""
+    return -(-pixels // max(1, -(-pixels // MAX_CANDIDATES)))
 
 
 def views_of(keyframes: Sequence[Frame], maps: Sequence[DepthMap]) -> Views:

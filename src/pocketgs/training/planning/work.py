@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from pocketgs.capture.listed import Outline
-from pocketgs.prior.cloud.fuse import MAX_CANDIDATES
+from pocketgs.prior.cloud.fuse import most_candidates
 from pocketgs.prior.depth.depth_maps import stereo_extent, sweep_pixels
 from pocketgs.prior.depth.stereo import StereoExtent
 from pocketgs.prior.depth.sweep import SweepSettings
@@ -73,5 +73,4 @@ class Work:
     @property
     def candidates(self) -> int:
         """Pixels that may become points of the cloud."""
-        pixels = self.keyframes * self.sweep_pixels
-        return pixels // max(1, -(-pixels // MAX_CANDIDATES))
+        return most_candidates(self.keyframes * self.sweep_pixels)

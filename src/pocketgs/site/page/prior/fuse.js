@@ -32,9 +32,10 @@ import { frameWithin } from "./photographs.js";
  */
 export async function fuse(keyframes, views, frames, settings, stereo) {
     const [shell, transparent] = [farShell(views, settings), transparentOnes(frames)];
+    const known = views.reduce((sum, { map }) => sum + map.depth.reduce((count, depth) => count + (depth !== 0), 0), 0);
     const pixels = views.reduce((sum, { map }) => sum + map.depth.length, 0);
-    const stride = Math.max(1, Math.ceil(pixels / settings.max_candidates));
-    const candidates = new Candidates(Math.ceil(pixels / stride) + views.length);
+    const stride = Math.max(1, Math.ceil(known / mostCandidates(pixels, settings)));
+    const candidates = new Candidates(Math.ceil(known / stride) + views.length);
     let view = 0;
     for await (const confirmed of stereo.compare(views, settings)) {
         const { camera } = views[view];
@@ -43,6 +44,11 @@ export async function fuse(keyframes, views, frames, settings, stereo) {
         view++;
     }
     return candidates;
+}
+
+/** Maximum number of pixels to merge: of every so many one, if all of them had depth. */
+function mostCandidates(pixels, settings) {
+    return Math.ceil(pixels / Math.ceil(pixels / settings.max_candidates));
 }
 
 /** Add a keyframe's pixels with confidence, or every so many of them. */
