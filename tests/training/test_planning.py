@@ -30,6 +30,8 @@ from pocketgs.training.options import SizedOptions
 from pocketgs.training.planning.calibration import Speed, measure_speed
 from pocketgs.training.planning.machine import SWEEP_KERNELS, Machine, this_machine
 from pocketgs.training.planning.plan import MIN_GAUSSIANS, MIN_SIDE, Plan, make_plan, shrinking_warning
+from pocketgs.training.planning.time_model import timetable
+from pocketgs.training.planning.work import Work
 
 MACHINE = Machine(
     threads=2,
@@ -345,6 +347,20 @@ def test_many_photographs_take_time_for_equations_of_all_of_them() -> None:
 
     assert refining(100) == pytest.approx(10 * refining(10), rel=0.02)
     assert refining(1000) > 15 * refining(100)
+
+
+def test_silhouettes_of_all_photographs_take_time() -> None:
+    outlines = (photographs(400, 400, count).outline() for count in (100, 200))
+    of_some, of_more = (
+        [
+            timetable(Work(replace(outline, has_alpha=alpha), SizedOptions(), 2), Speed(1.0, 1.0, 1.0)).before
+            for alpha in (False, True)
+        ]
+        for outline in outlines
+    )
+    some, more = (silhouettes - none for none, silhouettes in (of_some, of_more))
+    assert some > 5
+    assert more == pytest.approx(2 * some, rel=0.02)
 
 
 def test_little_memory_reads_one_photograph_after_the_other() -> None:

@@ -179,6 +179,20 @@ def test_uncovered_share() -> None:
     assert len(views.uncovered_share(depths, np.zeros((0, 3)))) == 0
 
 
+def test_uncovered_shares_are_those_of_the_cells_that_show_a_position() -> None:
+    rng = np.random.default_rng(0)
+    frames = [frame((0, 0, -4)), frame((3, 0, 2)), frame((-1, 2, 4)), sized(200, 50)]
+    views, depths = covered([replace(frames[0], mask=rng.random((96, 96)) < 0.7), *frames[1:]], wall(20))
+    spots = np.concatenate([rng.uniform(-3, 3, (5000, 3)), np.full((1, 3), np.nan)])
+    shown, bare = np.zeros((2, len(spots)))
+    for view in range(len(frames)):
+        inside, cells, _ = views.cells_of(view, spots)
+        shown[inside] += views.usable[view][cells]
+        bare[inside] += views.usable[view][cells] & ~np.isfinite(depths[view][cells])
+    np.testing.assert_array_equal(views.uncovered_share(depths, spots), bare / np.maximum(shown, 1))
+    assert 0 < np.count_nonzero(bare) < np.count_nonzero(shown)
+
+
 def test_radii_are_spacings() -> None:
     np.testing.assert_allclose(np.median(point_radii(wall(20).positions)), 4.4 / 19, rtol=1e-3)
     assert point_radii(np.zeros((3, 3))).tolist() == [0, 0, 0]

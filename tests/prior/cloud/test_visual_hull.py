@@ -10,7 +10,7 @@ import pytest
 from pocketgs import Camera
 from pocketgs.capture.capture import Frame
 from pocketgs.geometry.camera import look_at
-from pocketgs.prior.cloud.visual_hull import outside_hull
+from pocketgs.prior.cloud.visual_hull import JUDGING_POINTS, _seen_and_transparent, outside_hull
 
 SIZE = 40
 
@@ -47,6 +47,20 @@ def test_points_of_a_ball(views: list[Frame]) -> None:
         # The image reaches to slopes of 0.5.
         assert outside[(slope > edge + 0.05) & (slope < 0.45)].all()
     assert outside_hull(points, views[:1]).sum() < outside.sum()
+
+
+def test_points_that_are_outside_are_not_looked_at_again(views: list[Frame], monkeypatch: pytest.MonkeyPatch) -> None:
+    points = np.random.default_rng(0).uniform(-1.4, 1.4, (2 * JUDGING_POINTS, 3))
+    expected = np.any([_seen_and_transparent(frame, points)[1] for frame in views], axis=0)
+    asked: list[int] = []
+
+    def counted(frame: Frame, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        asked.append(len(points))
+        return _seen_and_transparent(frame, points)
+
+    monkeypatch.setattr("pocketgs.prior.cloud.visual_hull._seen_and_transparent", counted)
+    np.testing.assert_array_equal(outside_hull(points, views), expected)
+    assert len(points) == asked[len(views)] > asked[len(views) + 1] > asked[len(views) + 2] > asked[-1]
 
 
 def test_who_does_not_see_a_point_has_no_say(views: list[Frame]) -> None:

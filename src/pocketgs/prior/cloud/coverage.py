@@ -133,13 +133,11 @@ class ViewCells:
 
     def uncovered_share(self, depths: np.ndarray, positions: np.ndarray) -> np.ndarray:
         """(N,) share of the views showing a position in which its cell is uncovered; 0 if no view shows it."""
-        shown, bare = np.zeros(len(positions)), np.zeros(len(positions))
-        for view in range(len(self.sizes)):
-            inside, cells, _ = self.cells_of(view, positions)
-            used = self.usable[view][cells]
-            shown[inside] += used
-            bare[inside] += used & ~np.isfinite(depths[view][cells])
-        return np.divide(bare, shown, out=np.zeros(len(positions)), where=shown > 0)
+        shares = np.zeros(len(positions))
+        bare = self.usable & ~np.isfinite(depths)
+        positions = positions.astype(np.float64)
+        _count(positions, self.sizes, self.intrinsics, self.rotations, self.translations, self.usable, bare, shares)
+        return shares
 
 
 def point_radii(positions: np.ndarray) -> np.ndarray:
@@ -189,3 +187,34 @@ def _cover(
                 ):
                     if depth < depths[view, i, j]:
                         depths[view, i, j] = depth
+
+
+@parallel_kernel
+def _count(
+    positions: np.ndarray,
+    sizes: np.ndarray,
+    intrinsics: np.ndarray,
+    rotations: np.ndarray,
+    translations: np.ndarray,
+    usable: np.ndarray,
+    bare: np.ndarray,
+    shares: np.ndarray,
+) -> None:
+    """Write for each position the share of bare cells among the usable ones that show it."""
+    for point in prange(len(positions)):
+        x, y, z = positions[point]
+        shown, uncovered = 0, 0
+        for view in range(len(sizes)):
+            rows, columns = sizes[view]
+            fx, fy, cx, cy = intrinsics[view]
+            turn, shift = rotations[view], translations[view]
+            depth = turn[2, 0] * x + turn[2, 1] * y + turn[2, 2] * z + shift[2]
+            if not depth > 0:
+                continue
+            column = np.floor(fx * (turn[0, 0] * x + turn[0, 1] * y + turn[0, 2] * z + shift[0]) / depth + cx)
+            row = np.floor(fy * (turn[1, 0] * x + turn[1, 1] * y + turn[1, 2] * z + shift[1]) / depth + cy)
+            if column >= 0 and column < columns and row >= 0 and row < rows:
+                shown += usable[view, int(row), int(column)]
+                uncovered += bare[view, int(row), int(column)]
+        if shown:
+            shares[point] = uncovered / shown

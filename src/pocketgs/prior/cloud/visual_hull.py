@@ -26,7 +26,8 @@ def outside_hull(points: np.ndarray, frames: Sequence[Frame]) -> np.ndarray:
     some = points[:: 1 + len(points) // JUDGING_POINTS]
     outside = np.zeros(len(points), bool)
     for frame in _with_the_object([frame for frame in frames if frame.alpha is not None], some):
-        outside |= _seen_and_transparent(frame, points)[1]
+        left = np.flatnonzero(~outside)
+        outside[left] = _seen_and_transparent(frame, points[left])[1]
     return outside
 
 

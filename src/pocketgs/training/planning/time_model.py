@@ -26,6 +26,7 @@ ADJUSTED_VIEW, ADJUSTED_CUBE = 0.1, 1e-7
 SWEPT_MEGAPIXEL = 0.5
 SWEPT_MEGAPIXEL_AND_SOURCE = 0.25
 MERGED_MILLION = 0.6
+HULL_MILLION_AND_VIEW = 0.2
 SEEDED_MILLION = 5.0
 STEP_MILLION, STEP_MILLION_COLUMNS, STEP_MEGAPIXEL = 0.3, 0.003, 0.07
 """Seconds of a step per million Gaussians, per million of their parameters, and per million pixels."""
@@ -73,6 +74,8 @@ def timetable(work: Work, speed: Speed) -> Timetable:
         megapixels = work.keyframes * work.sweep_pixels / MEGA
         sweeps = megapixels * (SWEPT_MEGAPIXEL + SWEPT_MEGAPIXEL_AND_SOURCE * work.options.source_views)
         prior += MERGED_MILLION * work.candidates / MEGA
+        if outline.has_alpha:
+            prior += HULL_MILLION_AND_VIEW * work.candidates / MEGA * len(outline.training)
     millions, megapixels = work.gaussians / MEGA, outline.pixels / MEGA
     seeding = SEEDED_MILLION * millions
     step = step_seconds(work.gaussians, work.coefficients, outline.pixels)
