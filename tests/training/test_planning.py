@@ -26,8 +26,9 @@ from pocketgs.prior.depth.webgpu.stereo import WebGpuStereo
 from pocketgs.splat.cpu.engine import CpuEngine
 from pocketgs.splat.engine import EngineOptions, create_engine
 from pocketgs.system.memory_need import MemoryNeed
-from pocketgs.training.options import SizedOptions
+from pocketgs.training.options import SizedOptions, TrainingOptions
 from pocketgs.training.planning.calibration import Speed, measure_speed
+from pocketgs.training.planning.effort import sized
 from pocketgs.training.planning.machine import SWEEP_KERNELS, Machine, this_machine
 from pocketgs.training.planning.plan import MIN_GAUSSIANS, MIN_SIDE, Plan, make_plan, shrinking_warning
 from pocketgs.training.planning.time_model import timetable
@@ -130,6 +131,34 @@ def test_a_refusal_of_time_names_a_budget_that_will_do() -> None:
     assert 50 <= plan.iterations < 500
 
 
+@pytest.mark.parametrize("seconds", [15.0, 20.0, 30.0, 40.0, 60.0, 90.0, 130.0, 200.0, 400.0])
+@pytest.mark.parametrize("asked", [{}, {"effort": "quick"}, {"effort": "best"}, {"recipe": "3dgs-7k"}], ids=str)
+def test_however_many_iterations_within_a_budget_do_not_make_it_smaller(asked: dict[str, Any], seconds: float) -> None:
+    """Who asks for 30,000, and to stop after five minutes, gets as many as fit, at the size that five minutes give."""
+    machine, listed = replace(MACHINE, speed=Speed(1.0, 1.0, 1.0), elapsed=2.0), photographs()
+    options = TrainingOptions(**asked, prior="none", time_budget=seconds)
+    alone, endless = (
+        make_plan(listed, sized(replace(options, iterations=iterations), listed.outline().training), machine)
+        for iterations in (None, 30_000)
+    )
+    assert (endless.shrink, endless.gaussians) == (alone.shrink, alone.gaussians)
+    assert endless.iterations >= alone.iterations
+
+
+@pytest.mark.parametrize(("asked", "enough"), [({"effort": "best"}, 510), ({"recipe": "3dgs-30k"}, 1500)], ids=str)
+def test_long_runs_keep_their_size_in_time_for_half_of_3000_iterations(asked: dict[str, Any], enough: int) -> None:
+    """Of fewer if the capture has few photographs to visit."""
+    machine, listed = replace(MACHINE, speed=Speed(1.0, 1.0, 1.0), elapsed=2.0), photographs()
+    outline = listed.outline()
+    asked_of_all = sized(TrainingOptions(**asked, prior="none", time_budget=1e6), outline.training)
+    size = Work(outline, asked_of_all, machine.threads)
+    times = timetable(size, Speed(1.0, 1.0, 1.0))
+    for steps, is_kept in ((enough + 1, True), (enough - 1, False)):
+        seconds = machine.elapsed + times.total(steps) + times.step / 2
+        plan = make_plan(listed, replace(asked_of_all, time_budget=seconds), machine)
+        assert ((plan.shrink, plan.gaussians) == (1, asked_of_all.max_gaussians)) == is_kept
+
+
 def test_what_fits_is_left_as_it_is() -> None:
     plan = make_plan(photographs(), SizedOptions(), MACHINE)
     assert (plan.shrink, plan.width, plan.height, plan.gaussians, plan.iterations) == (1, 504, 378, 50_000, 500)
@@ -148,6 +177,20 @@ def test_fewer_gaussians_come_before_smaller_photographs() -> None:
 
     order = list(dict.fromkeys(sizes(memory) for memory in range(700, 230, -1)))
     assert order[:5] == [(1, 50_000), (1, 25_000), (1, 12_500), (2, 50_000), (2, 25_000)]
+
+
+def test_the_warning_says_how_many_of_the_iterations_there_is_time_for() -> None:
+    machine = replace(MACHINE, speed=Speed(1.0, 1.0, 1.0))
+    options = SizedOptions(prior="none", iterations=2000, usual_iterations=2000, time_budget=8.0)
+    plan = make_plan(photographs(), options, machine)
+    warning = shrinking_warning(plan, options)
+    assert warning is not None
+    assert plan.iterations < 2000
+    assert warning.startswith("to keep to 3,000 MB and 8 s: ")
+    assert warning.endswith(f", about {plan.iterations:,} of 2,000 iterations")
+    open_ended = shrinking_warning(plan, replace(options, open_ended=True))
+    assert open_ended is not None
+    assert open_ended.endswith(f", about {plan.iterations:,} iterations")
 
 
 def test_the_warning_says_what_was_done() -> None:

@@ -136,6 +136,7 @@ class SizedOptions(TrainingOptions):
     Attributes:
         open_ended: whether the run ends when it stops paying, after `least_iterations` to `iterations`.
         least_iterations: iterations of a run of the same effort that is not open-ended.
+        usual_iterations: of the run if the user sets none, at most those of an open-ended one.
     """
 
     iterations: int = 500
@@ -147,6 +148,7 @@ class SizedOptions(TrainingOptions):
     strategy: StrategyName = "fixed"
     open_ended: bool = False
     least_iterations: int = 500
+    usual_iterations: int = 500
 
     @property
     def most_at_start(self) -> int:

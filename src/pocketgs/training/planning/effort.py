@@ -73,8 +73,9 @@ def sized(options: TrainingOptions, views: Sequence[tuple[int, int]]) -> SizedOp
     if grows:
         longest = max(min(MAX_OPEN_ENDED, MAX_OPEN_ENDED_EPOCHS * len(views)), least)
         sizes |= {"iterations": longest, "max_gaussians": OPEN_ENDED_GAUSSIANS * sizes["max_gaussians"]}
+    usual = recipe.iterations or sizes["iterations"]
     sizes = {name: size for name, size in sizes.items() if given[name] is None}
-    return SizedOptions(**{**given, **sizes}, open_ended=open_ended, least_iterations=least)
+    return SizedOptions(**{**given, **sizes}, open_ended=open_ended, least_iterations=least, usual_iterations=usual)
 
 
 def _quick() -> dict[str, int]:

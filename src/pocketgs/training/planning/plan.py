@@ -2,8 +2,9 @@
 
 Sizes are tried in order, and the first that fits is used: photographs at full size, then at a half, a third and so on,
 each with the requested number of Gaussians, a half and a quarter of it; at the last size ever fewer. If time is short,
-iterations are reduced first: a size fits if it leaves time for half of those requested. So a larger budget never gives
-smaller photographs, nor fewer Gaussians at the same size.
+iterations are reduced first: a size fits if it leaves time for half of those requested. Very many, beside a budget of
+time, mean as many as fit: at most as many count as requested as a run has by default. So neither a larger budget nor
+more iterations than that give smaller photographs, nor fewer Gaussians at the same size.
 """
 
 from __future__ import annotations
@@ -34,8 +35,8 @@ SHRINKING = (1, 2, 4)
 ENOUGH_ITERATIONS, MIN_ITERATIONS = 0.5, 50
 """Share of the requested iterations that a size must leave time for; and the minimum number at the last size."""
 
-OPEN_ENDED_ITERATIONS = 3000
-"""Number of iterations that counts as requested in a run that trains until it stops paying."""
+LONG_RUN = 3000
+"""Maximum number of iterations that counts as requested: recipes set more, or train until it stops paying."""
 
 
 @dataclass(frozen=True)
@@ -143,6 +144,9 @@ def shrinking_warning(plan: Plan, options: SizedOptions) -> str | None:
         parts.append(f"at most {plan.gaussians:,} Gaussians")
     if not parts:
         return None
+    if plan.iterations < options.iterations:
+        requested = "" if options.open_ended else f" of {options.iterations:,}"
+        parts.append(f"about {plan.iterations:,}{requested} iterations")
     seconds = "" if options.time_budget is None else f" and {options.time_budget:g} s"
     return f"to keep to {options.max_memory:,} MB{seconds}: {', '.join(parts)}"
 
@@ -194,8 +198,7 @@ def _fits(size: _Size, options: SizedOptions) -> bool:
 
 def _enough(options: SizedOptions) -> float:
     """Iterations that a size must leave time for, if there is a smaller one."""
-    wanted = min(options.iterations, OPEN_ENDED_ITERATIONS) if options.open_ended else options.iterations
-    return ENOUGH_ITERATIONS * wanted
+    return ENOUGH_ITERATIONS * min(options.iterations, options.usual_iterations, LONG_RUN)
 
 
 def _steps(size: _Size, options: SizedOptions, machine: Machine) -> int:
