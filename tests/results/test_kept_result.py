@@ -110,6 +110,7 @@ def test_time_for_checkpoints_is_part_of_the_time_budget(
         write(*of)
 
     monkeypatch.setattr(checkpoint, "write_checkpoint", slow)
-    monkeypatch.setattr(checkpoint, "SECONDS_BETWEEN_CHECKPOINTS", 0.0)
+    for interval in ("SECONDS_BETWEEN_CHECKPOINTS", "PAUSE"):
+        monkeypatch.setattr(checkpoint, interval, 0.0)
     monkeypatch.setattr(run_module, "_seconds_left", lambda *_: 1.0)
     assert 1 <= train(40).summary["iterations"] <= 10

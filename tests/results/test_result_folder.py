@@ -267,7 +267,8 @@ def test_a_checkpoint_that_cannot_be_written_does_not_end_the_run(
             raise PocketGSError(f"{path}: cannot be written (No space left on device)")
         write_checkpoint(path, checkpoint, run)
 
-    monkeypatch.setattr("pocketgs.results.checkpoint.SECONDS_BETWEEN_CHECKPOINTS", 0.0)
+    for interval in ("SECONDS_BETWEEN_CHECKPOINTS", "PAUSE"):
+        monkeypatch.setattr(f"pocketgs.results.checkpoint.{interval}", 0.0)
     monkeypatch.setattr("pocketgs.results.checkpoint.write_checkpoint", fail)
     warnings: list[str] = []
     reporter = Reporter(on_warning=warnings.append)

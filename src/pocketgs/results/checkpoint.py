@@ -35,6 +35,9 @@ STATISTICS = tuple(field.name for field in fields(Statistics))
 
 SECONDS_BETWEEN_CHECKPOINTS = 60.0
 
+PAUSE = 10.0
+"""Minimum time between two checkpoints, relative to what writing the first one took: a slow disk stops no training."""
+
 UNFINISHED = "unfinished.npz"
 """Checkpoint of an unfinished run; deleted when the result is complete."""
 
@@ -204,14 +207,17 @@ class CheckpointSaver:
 
     def __init__(self, folder: Path, identity: dict[str, Any], on_warning: Callable[[str], None]) -> None:
         self._folder, self._identity, self._on_warning = folder, identity, on_warning
-        self._last = time.monotonic()
+        self._next = time.monotonic() + SECONDS_BETWEEN_CHECKPOINTS
 
     def observe(self, progress: Progress) -> None:
         """Write a checkpoint if the last one is old enough."""
-        if time.monotonic() - self._last >= SECONDS_BETWEEN_CHECKPOINTS:
-            self._last = time.monotonic()
-            try:
-                path = self._folder / UNFINISHED
-                write_checkpoint(path, progress.checkpoint(), self._identity)
-            except (PocketGSError, OSError) as error:
-                self._on_warning(f"training continues without a checkpoint: {error}")
+        began = time.monotonic()
+        if began < self._next:
+            return
+        try:
+            path = self._folder / UNFINISHED
+            write_checkpoint(path, progress.checkpoint(), self._identity)
+        except (PocketGSError, OSError) as error:
+            self._on_warning(f"training continues without a checkpoint: {error}")
+        ended = time.monotonic()
+        self._next = ended + max(SECONDS_BETWEEN_CHECKPOINTS, PAUSE * (ended - began))
