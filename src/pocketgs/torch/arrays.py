@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from pocketgs.errors import PocketGSError, short
+from pocketgs.errors import PocketGSError, counted, short
 from pocketgs.system.cores import kernel_threads
 
 
@@ -35,6 +35,31 @@ def torch_threads() -> int:
     threads = kernel_threads(torch.get_num_threads())
     numba.set_num_threads(threads)
     return threads
+
+
+def check_tensors(least: int, /, optional: bool = False, **arguments: object) -> None:
+    """Check that arguments are tensors of enough dimensions, before anything is read from their shapes.
+
+    Args:
+        least: the minimum number of dimensions.
+        optional: whether arguments may be None.
+        arguments: by name.
+
+    Raises:
+        PocketGSError: one is something else, or has fewer dimensions.
+    """
+    for name, found in arguments.items():
+        if found is None and optional:
+            continue
+        if not isinstance(found, Tensor):
+            raise PocketGSError(f"{name}: found {_kind(found)}, expected a tensor")
+        if found.ndim < least:
+            dimensions = counted(least, "dimension", "dimensions")
+            raise PocketGSError(f"{name}: found shape {tuple(found.shape)}, expected at least {dimensions}")
+
+
+def _kind(found: object) -> str:
+    return "None" if found is None else f"{type(found).__module__}.{type(found).__name__}".removeprefix("builtins.")
 
 
 def checked_dtype(tensors: Mapping[str, Tensor | None]) -> torch.dtype:

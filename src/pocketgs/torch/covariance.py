@@ -15,7 +15,7 @@ from torch import Tensor
 from torch.nn.functional import normalize
 
 from pocketgs.splat.constants import FRUSTUM_MARGIN
-from pocketgs.torch.arrays import check_shape
+from pocketgs.torch.arrays import check_shape, check_tensors
 from pocketgs.torch.unsupported import check_camera_model
 
 _TINY = 1e-7
@@ -61,7 +61,13 @@ def quat_scale_to_covar_preci(
 
     Returns:
         Both (..., 3, 3), or (..., 6); None if not requested.
+
+    Raises:
+        PocketGSError: shapes disagree.
     """
+    check_tensors(1, quats=quats, scales=scales)
+    check_shape("quats", quats, (*quats.shape[:-1], 4))
+    check_shape("scales", scales, (*quats.shape[:-1], 3))
     axes = rotations_of(quats)
 
     def product(sizes: Tensor) -> Tensor:
@@ -96,7 +102,16 @@ def world_to_cam(means: Tensor, covars: Tensor, viewmats: Tensor) -> tuple[Tenso
 
     Returns:
         Means (..., C, N, 3) and covariances (..., C, N, 3, 3).
+
+    Raises:
+        PocketGSError: shapes disagree.
     """
+    check_tensors(2, means=means)
+    check_tensors(3, covars=covars, viewmats=viewmats)
+    *lead, count = means.shape[:-1]
+    check_shape("means", means, (*lead, count, 3))
+    check_shape("covars", covars, (*lead, count, 3, 3))
+    check_shape("viewmats", viewmats, (*lead, -1, 4, 4))
     rotations, shifts = viewmats[..., None, :3, :3], viewmats[..., None, :3, 3]
     local = (rotations @ means[..., None, :, :, None])[..., 0] + shifts
     return local, rotations @ covars[..., None, :, :, :] @ rotations.transpose(-1, -2)
@@ -123,6 +138,7 @@ def proj(
         PocketGSError: shapes disagree, or the camera model is none of these.
     """
     check_camera_model(camera_model)
+    check_tensors(2, means=means, covars=covars, Ks=Ks)
     lead, count = tuple(means.shape[:-2]), means.shape[-2]
     check_shape("means", means, (*lead, count, 3))
     check_shape("covars", covars, (*lead, count, 3, 3))

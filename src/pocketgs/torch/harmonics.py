@@ -11,7 +11,7 @@ from torch import Tensor
 from pocketgs.errors import PocketGSError
 from pocketgs.scene.spherical_harmonics import basis, basis_gradient
 from pocketgs.splat.cpu.operators.harmonics import harmonics, harmonics_backward
-from pocketgs.torch.arrays import array_of, check_shape, checked_dtype, torch_threads, whole_numbers
+from pocketgs.torch.arrays import array_of, check_shape, check_tensors, checked_dtype, torch_threads, whole_numbers
 from pocketgs.torch.unsupported import first_derivative
 
 HIGHEST_DEGREE = 3
@@ -143,6 +143,9 @@ def spherical_harmonics(degrees_to_use: int, dirs: Tensor, coeffs: Tensor, masks
     Raises:
         PocketGSError: shapes disagree, or the degree is not supported.
     """
+    check_tensors(1, dirs=dirs)
+    check_tensors(2, coeffs=coeffs)
+    check_tensors(0, optional=True, masks=masks)
     checked_dtype({"dirs": dirs, "coeffs": coeffs})
     lead = tuple(dirs.shape[:-1])
     check_shape("dirs", dirs, (*lead, 3))

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from pocketgs.errors import PocketGSError
 from pocketgs.splat.cpu.operators.given_lists import list_intersections
-from pocketgs.torch.arrays import array_of, check_shape, whole_numbers
+from pocketgs.torch.arrays import array_of, check_shape, check_tensors, whole_numbers
 
 DEPTH_BITS = 32
 
@@ -55,6 +55,7 @@ def isect_tiles(
     tile_size, tile_width, tile_height = whole_numbers(
         1, tile_size=tile_size, tile_width=tile_width, tile_height=tile_height
     )
+    check_tensors(1, means2d=means2d, radii=radii, depths=depths)
     shape = tuple(depths.shape)
     check_shape("means2d", means2d, (*shape, 2))
     check_shape("radii", radii, (*shape, 2))
@@ -62,6 +63,7 @@ def isect_tiles(
     if packed:
         if n_images is None or image_ids is None:
             raise PocketGSError("isect_tiles: packed=True takes n_images and image_ids")
+        check_tensors(1, image_ids=image_ids)
         check_shape("image_ids", image_ids, (math.prod(shape),))
         (count,), images = whole_numbers(0, n_images=n_images), array_of(image_ids).astype(np.int64)
         if len(images) and not 0 <= images.min() <= images.max() < count:
@@ -106,6 +108,7 @@ def isect_offset_encode(isect_ids: Tensor, n_images: int, tile_width: int, tile_
     Raises:
         PocketGSError: a size is not a positive integer.
     """
+    check_tensors(1, isect_ids=isect_ids)
     (n_images,) = whole_numbers(0, n_images=n_images)
     tile_width, tile_height = whole_numbers(1, tile_width=tile_width, tile_height=tile_height)
     tiles = tile_width * tile_height

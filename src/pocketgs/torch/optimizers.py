@@ -11,7 +11,7 @@ from torch import Tensor
 
 from pocketgs.errors import PocketGSError
 from pocketgs.splat.cpu.operators.selected_adam import adam_of_rows
-from pocketgs.torch.arrays import array_of, torch_threads
+from pocketgs.torch.arrays import array_of, check_tensors, torch_threads
 
 
 class SelectiveAdam(torch.optim.Adam):
@@ -38,6 +38,7 @@ class SelectiveAdam(torch.optim.Adam):
         Raises:
             PocketGSError: a group contains several tensors, or one that is not float32 with N rows.
         """
+        check_tensors(0, visibility=visibility)
         seen = array_of(visibility.bool().flatten())
         for group in self.param_groups:
             if len(group["params"]) != 1:

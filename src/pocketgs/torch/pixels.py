@@ -10,7 +10,7 @@ from torch import Tensor
 
 from pocketgs.errors import PocketGSError
 from pocketgs.splat.cpu.layout import TILE_HEIGHT
-from pocketgs.torch.arrays import array_of, check_shape, checked_dtype, whole_numbers
+from pocketgs.torch.arrays import array_of, check_shape, check_tensors, checked_dtype, whole_numbers
 from pocketgs.torch.colours import check_channels
 from pocketgs.torch.rasterize import TileRasterizer
 from pocketgs.torch.reference import GivenLists, ReferenceRasterizer
@@ -56,6 +56,10 @@ def rasterize_to_pixels(
         PocketGSError: shapes or types disagree, or a size is not a positive integer or not one of these.
     """
     tensors = {"means2d": means2d, "conics": conics, "colors": colors, "opacities": opacities}
+    check_tensors(1, **tensors, flatten_ids=flatten_ids)
+    check_tensors(1, optional=True, backgrounds=backgrounds)
+    check_tensors(2, isect_offsets=isect_offsets)
+    check_tensors(2, optional=True, masks=masks)
     dtype = checked_dtype({**tensors, "backgrounds": backgrounds})
     shape, channels, lead = tuple(opacities.shape), colors.shape[-1], tuple(isect_offsets.shape[:-2])
     check_shape("means2d", means2d, (*shape, 2))

@@ -14,7 +14,15 @@ from pocketgs.splat.cpu.layout import View
 from pocketgs.splat.cpu.lenses.lens import Fisheye, KernelLens, Orthographic, Pinhole
 from pocketgs.splat.cpu.operators.projection import MATRIX, project_ewa, project_ewa_backward
 from pocketgs.system.dealing import PIECE
-from pocketgs.torch.arrays import array_of, check_shape, real_numbers, torch_threads, whole_numbers, zeros
+from pocketgs.torch.arrays import (
+    array_of,
+    check_shape,
+    check_tensors,
+    real_numbers,
+    torch_threads,
+    whole_numbers,
+    zeros,
+)
 from pocketgs.torch.unsupported import first_derivative
 
 LENSES: dict[str, KernelLens] = {
@@ -102,6 +110,9 @@ class Project2D(torch.autograd.Function):
     ) -> Splats:
         """Project every Gaussian into every camera of its batch."""
         threads = torch_threads()
+        check_tensors(1, opacities=opacities)
+        check_tensors(2, means=means, quats=quats, scales=scales)
+        check_tensors(3, viewmats=viewmats, Ks=Ks)
         lead, cameras, count = tuple(means.shape[:-2]), viewmats.shape[-3], means.shape[-2]
         check_shape("means", means, (*lead, count, 3))
         check_shape("quats", quats, (*lead, count, 4))

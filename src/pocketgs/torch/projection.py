@@ -10,7 +10,7 @@ from torch import Tensor
 from pocketgs.errors import PocketGSError
 from pocketgs.splat.constants import ALPHA_MIN
 from pocketgs.splat.cpu.operators.projection import REACH, UNBOUNDED
-from pocketgs.torch.arrays import check_shape, checked_dtype
+from pocketgs.torch.arrays import check_shape, check_tensors, checked_dtype
 from pocketgs.torch.covariance import from_upper_triangle, proj, quat_scale_to_covar_preci, world_to_cam
 from pocketgs.torch.project import Project2D, Projection, Splats
 from pocketgs.torch.rows import Rows
@@ -69,6 +69,10 @@ def fully_fused_projection(
     """
     sizes = (eps2d, near_plane, far_plane, radius_clip, calc_compensations, packed, sparse_grad)
     projection = Projection(width, height, *sizes, camera_model)
+    check_tensors(1, optional=True, opacities=opacities)
+    check_tensors(2, means=means)
+    check_tensors(2, optional=True, covars=covars, quats=quats, scales=scales)
+    check_tensors(3, viewmats=viewmats, Ks=Ks)
     splats = projected(means, covars, quats, scales, opacities, viewmats, Ks, projection)
     lead, cameras, count = tuple(means.shape[:-2]), viewmats.shape[-3], means.shape[-2]
     centres, depths, conics, factors, radii = in_rows(splats, projection, (*lead, cameras, count))

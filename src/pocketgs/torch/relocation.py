@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from pocketgs.torch.arrays import check_shape
+from pocketgs.torch.arrays import check_shape, check_tensors
 
 
 @torch.no_grad()
@@ -24,6 +24,7 @@ def compute_relocation(opacities: Tensor, scales: Tensor, ratios: Tensor, binoms
     Raises:
         PocketGSError: shapes disagree.
     """
+    check_tensors(1, opacities=opacities, scales=scales, ratios=ratios, binoms=binoms)
     most = len(binoms)
     check_shape("opacities", opacities, (len(scales),))
     check_shape("scales", scales, (len(opacities), 3))

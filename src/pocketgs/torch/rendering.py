@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from pocketgs.errors import PocketGSError
-from pocketgs.torch.arrays import check_shape, checked_dtype, whole_numbers
+from pocketgs.torch.arrays import check_shape, check_tensors, checked_dtype, whole_numbers
 from pocketgs.torch.colours import drawn_colours
 from pocketgs.torch.covariance import upper_triangle
 from pocketgs.torch.engine import gpu_compositor
@@ -137,6 +137,11 @@ def rasterization(
         }
     )
     width, height, tile_size = whole_numbers(1, width=width, height=height, tile_size=tile_size)
+    check_tensors(1, opacities=opacities)
+    check_tensors(2, means=means, colors=colors)
+    check_tensors(2, optional=True, quats=quats, scales=scales, backgrounds=backgrounds)
+    check_tensors(3, viewmats=viewmats, Ks=Ks)
+    check_tensors(3, optional=True, covars=covars)
     dtype = checked_dtype({"means": means, "opacities": opacities, "colors": colors, "backgrounds": backgrounds})
     lead, count, cameras = tuple(means.shape[:-2]), means.shape[-2], viewmats.shape[-3]
     check_shape("opacities", opacities, (*lead, count))

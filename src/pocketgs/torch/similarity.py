@@ -12,7 +12,7 @@ from torch.nn.functional import pad
 from pocketgs.errors import PocketGSError
 from pocketgs.splat.constants import SSIM_WINDOW
 from pocketgs.splat.cpu.dssim import dssim
-from pocketgs.torch.arrays import array_of, check_shape, checked_dtype, torch_threads
+from pocketgs.torch.arrays import array_of, check_shape, check_tensors, checked_dtype, torch_threads
 from pocketgs.torch.unsupported import first_derivative
 
 PADDINGS = ("same", "valid")
@@ -35,6 +35,7 @@ def fused_ssim(img1: Tensor, img2: Tensor, padding: str = "same", train: bool = 
     Raises:
         PocketGSError: the images differ in shape or type, there is no such padding, or no window fits.
     """
+    check_tensors(4, img1=img1, img2=img2)
     if checked_dtype({"img1": img1, "img2": img2}) != torch.float32:
         raise PocketGSError(f"img1: found {img1.dtype}, expected float32")
     check_shape("img1", img1, (-1, 3, -1, -1))
