@@ -33,6 +33,8 @@ from pocketgs.training.options import TrainingOptions
 from pocketgs.training.planning.effort import sized
 from pocketgs.training.preparation import prepare
 from pocketgs.training.recipes import Recipe, camera_extent, recipe_named
+from pocketgs.training.strategies.adc import DensityControl
+from pocketgs.training.strategies.mcmc import Relocation
 from pocketgs.training.train import train
 
 UNBOUNDED = 10_000_000
@@ -106,11 +108,17 @@ class Trainer:
         }
         self.is_mcmc = strategy == "mcmc"
         if self.is_mcmc:
-            start, stop = int(iterations * 500 / 30_000), int(iterations * 25_000 / 30_000)
-            self.strategy: Any = MCMCStrategy(cap_max=most, refine_start_iter=start, refine_stop_iter=stop)
+            times = Relocation.scaled(iterations)
+            start, stop = int(iterations * times.start), int(iterations * times.stop)
+            self.strategy: Any = MCMCStrategy(
+                cap_max=most, refine_start_iter=start, refine_stop_iter=stop, refine_every=times.every
+            )
             self.state = self.strategy.initialize_state()
         else:
-            self.strategy = DefaultStrategy()
+            control = DensityControl.scaled(iterations)
+            self.strategy = DefaultStrategy(
+                refine_start_iter=control.start, refine_stop_iter=control.stop, refine_every=control.every
+            )
             self.state = self.strategy.initialize_state(scene_scale=self.extent)
         self.strategy.check_sanity(self.params, self.optimizers)
 

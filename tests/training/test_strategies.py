@@ -38,7 +38,7 @@ from pocketgs.training.train import train as prepare_and_train
 
 train = partial(prepare_and_train, prior="none")
 
-CONTEXT = StrategyContext(iterations=1000, most=150, measure_extent=lambda: 1.0, views=8)
+CONTEXT = StrategyContext(iterations=1000, most=150, measure_extent=lambda: 1.0, views=8, published_times=True)
 
 
 class Rows:
@@ -229,6 +229,68 @@ def test_opacities_are_reset(iteration: int, bright: bool) -> None:
     assert engine.statistics() is statistics
 
 
+# Times.
+
+
+def test_times_of_short_runs_are_those_of_the_papers_scaled() -> None:
+    for iterations in (30_000, 100_000):
+        assert DensityControl.scaled(iterations) == DensityControl()
+        assert Relocation.scaled(iterations) == Relocation()
+    short = DensityControl.scaled(500)
+    assert (short.start, short.stop, short.every) == (25, 250, 12)
+    assert short == replace(DensityControl(), start=25, stop=250, every=12)
+    assert Relocation.scaled(500) == replace(Relocation(), every=12)
+    assert DensityControl.scaled(1).every == Relocation.scaled(1).every == 1
+
+
+@pytest.mark.parametrize("is_published", [False, True])
+def test_density_control_of_a_short_run_is_over_after_half_of_it(is_published: bool) -> None:
+    context = replace(CONTEXT, iterations=500, published_times=is_published)
+    strategy, engine = AdaptiveDensityControl(context), Rows(scattered())
+    changed = []
+    for iteration in range(1, 501):
+        before = len(engine.changes)
+        strategy.after_step(iteration, engine)  # type: ignore[arg-type]
+        changed += [iteration] * (len(engine.changes) - before)
+        assert strategy.collected(iteration).statistics == (is_published or iteration < 250)
+    assert changed == ([] if is_published else list(range(36, 250, 12)))
+
+
+def test_mcmc_doubles_the_number_within_a_short_run() -> None:
+    counts = []
+    for is_published in (False, True):
+        engine = Rows(scattered())
+        chain = MCMC(replace(CONTEXT, iterations=500, most=200, published_times=is_published))
+        for iteration in range(1, 501):
+            chain.after_step(iteration, engine)  # type: ignore[arg-type]
+        counts.append(engine.count)
+    assert counts == [200, 120]
+
+
+def test_opacities_are_not_reset_at_the_start_of_a_short_run() -> None:
+    """It would take half of the run to recover."""
+    control = DensityControl(start=25, stop=250, every=7000)
+    strategy, engine = AdaptiveDensityControl(replace(CONTEXT, bright=True), control), Rows(scattered())
+    for iteration in range(1, 501):
+        strategy.after_step(iteration, engine)  # type: ignore[arg-type]
+    assert not engine.changes
+
+
+@pytest.mark.parametrize(("recipe", "is_published"), [("3dgs-7k", True), ("3dgs-30k", True), ("pocketgs", False)])
+def test_3dgs_recipes_keep_their_times(
+    small_capture: Capture, monkeypatch: pytest.MonkeyPatch, recipe: str, is_published: bool
+) -> None:
+    contexts: list[StrategyContext] = []
+
+    def make(context: StrategyContext) -> AdaptiveDensityControl:
+        contexts.append(context)
+        return AdaptiveDensityControl(context)
+
+    monkeypatch.setitem(choose._KINDS, "adc", replace(choose._KINDS["adc"], make=make))
+    train(small_capture, iterations=2, recipe=recipe, strategy="adc", max_gaussians=400, evaluate_every=0)
+    assert [context.published_times for context in contexts] == [is_published]
+
+
 # The budget.
 
 
@@ -344,7 +406,7 @@ def test_ctrl_c_keeps_what_was_collected(small_capture: Capture) -> None:
         if progress.iteration == 5:
             signal.raise_signal(signal.SIGINT)
 
-    stopped = train(small_capture, iterations=20, strategy="adc", max_gaussians=400, observer=press_ctrl_c)
+    stopped = train(small_capture, iterations=400, strategy="adc", max_gaussians=400, observer=press_ctrl_c)
     assert (stopped.iterations, stopped.strategy) == (5, "adc")
     assert stopped.checkpoint.statistics is not None
     assert stopped.checkpoint.statistics.seen.max() == 5

@@ -112,6 +112,8 @@ class Recipe:
         random_points: number of random points in a cube for captures without points; None draws them where the
             photographs agree.
         strategy: how the number of Gaussians changes.
+        published_times: whether the strategies of 3DGS and of 3DGS-MCMC act at the iterations of their papers, however
+            short the run is.
         iterations, max_gaussians: of a run, or None to use the effort's.
         open_ended: train until it stops paying, unless the user sets the iterations.
         masks_transients: whether `TrainingOptions.transients` applies.
@@ -134,6 +136,7 @@ class Recipe:
     prior: Prior = "dense"
     random_points: int | None = None
     strategy: StrategyName = "fixed"
+    published_times: bool = False
     iterations: int | None = None
     max_gaussians: int | None = None
     open_ended: bool = False
@@ -191,6 +194,7 @@ def _3dgs(iterations: int) -> Recipe:
         prior="none",
         random_points=100_000,
         strategy="adc",
+        published_times=True,
         iterations=iterations,
         max_gaussians=500_000,
     )

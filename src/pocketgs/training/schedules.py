@@ -58,7 +58,7 @@ def schedules_of(
     dropout = dropout_share(recipe.dropout, views_per_point(cameras, points)) if recipe.dropout else 0.0
     pace = _pace(capture, options, recipe, rates, seconds, resume)
     growth = pace if isinstance(pace, OpenEndedPace) else None
-    strategy = create_strategy(options.strategy, _context(capture, points, options, growth))
+    strategy = create_strategy(options.strategy, _context(capture, points, options, recipe, growth))
     return Schedules(recipe, rates, pace, strategy, dropout)
 
 
@@ -79,7 +79,7 @@ def _pace(
 
 
 def _context(
-    capture: PreparedCapture, points: PointCloud, options: SizedOptions, growth: GrowthPlan | None
+    capture: PreparedCapture, points: PointCloud, options: SizedOptions, recipe: Recipe, growth: GrowthPlan | None
 ) -> StrategyContext:
     return StrategyContext(
         iterations=options.iterations,
@@ -88,5 +88,6 @@ def _context(
         views=len(capture.train),
         seed=options.seed,
         bright=max(capture.background) > 0,
+        published_times=recipe.published_times,
         growth=growth,
     )

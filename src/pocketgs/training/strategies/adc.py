@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,10 +12,13 @@ from pocketgs.splat.rows import RowChange, Statistics
 from pocketgs.training.strategies.division import SHRINKING, drawn_within, logit
 from pocketgs.training.strategies.strategy import Collected, StrategyContext, StrategyDefaults
 
+START, STOP, INTERVALS = 20, 2, 40
+"""Densification begins after a twentieth of a short run, ends after a half, and takes place every fortieth."""
+
 
 @dataclass(frozen=True)
 class DensityControl:
-    """Settings of adaptive density control; those of 3DGS.
+    """Settings of adaptive density control; those of 3DGS for a run of 30,000 iterations.
 
     Attributes:
         start, stop, every: iterations between which Gaussians are densified, and the interval.
@@ -37,6 +40,23 @@ class DensityControl:
     reset_every: int = 3000
     reset_to: float = 2.0
 
+    @staticmethod
+    def scaled(iterations: int) -> DensityControl:
+        """The settings of a run of any length: 3DGS's, or earlier in shorter runs.
+
+        Resets stay where they are: a scene takes hundreds of iterations to recover from one, whatever the run's length.
+
+        Args:
+            iterations: of the run.
+        """
+        published = DensityControl()
+        return replace(
+            published,
+            start=min(published.start, iterations // START),
+            stop=min(published.stop, iterations // STOP),
+            every=min(published.every, max(iterations // INTERVALS, 1)),
+        )
+
 
 class AdaptiveDensityControl(StrategyDefaults):
     """3DGS's strategy, with a maximum number: if there is no room, the largest gradients take precedence."""
@@ -45,7 +65,8 @@ class AdaptiveDensityControl(StrategyDefaults):
     changes_rows = True
 
     def __init__(self, context: StrategyContext, control: DensityControl | None = None) -> None:
-        self._context, self._control = context, control or DensityControl()
+        usual = DensityControl() if context.published_times else DensityControl.scaled(context.iterations)
+        self._context, self._control = context, control or usual
         self._extent = context.measure_extent()
 
     def collected(self, iteration: int) -> Collected:
@@ -59,7 +80,7 @@ class AdaptiveDensityControl(StrategyDefaults):
             return
         if iteration > control.start and iteration % control.every == 0:
             engine.change_rows(self._refined(iteration, engine.download(), engine.statistics()))
-        at_start = self._context.bright and iteration == control.start
+        at_start = self._context.bright and iteration == control.start and control.reset_every < control.stop
         if iteration % control.reset_every == 0 or at_start:
             collected = engine.statistics()
             engine.change_rows(self._reset(engine.download()))

@@ -16,6 +16,9 @@ from pocketgs.training.strategies.strategy import Collected, StrategyContext
 
 MAX_OPACITY = 1.0 - 1e-6
 
+INTERVALS = 40
+"""Intervals between relocations in a short run: the number of Gaussians doubles in 15 of them."""
+
 
 @dataclass(frozen=True)
 class Relocation:
@@ -23,7 +26,7 @@ class Relocation:
 
     Attributes:
         start, stop: shares of the run between which Gaussians are relocated: 500 and 25,000 of the paper's 30,000.
-        every: iterations between relocations.
+        every: iterations between relocations; in short runs, see `scaled`.
         dead: maximum opacity of a dead Gaussian.
         growth: relative growth of the number of Gaussians per relocation, up to the run's maximum.
         noise: λ_noise times the paper's rate of the means, 5e5 x 1.6e-4, for a scene of extent 1.
@@ -39,6 +42,12 @@ class Relocation:
     opacity_weight: float = 0.01
     size_weight: float = 0.01
 
+    @staticmethod
+    def scaled(iterations: int) -> Relocation:
+        """The settings of a run of this many iterations: in short ones Gaussians are relocated more often."""
+        published = Relocation()
+        return replace(published, every=min(published.every, max(iterations // INTERVALS, 1)))
+
 
 class MCMC:
     """The strategy of 3DGS-MCMC: relocation, growth, noise, and regularisation of opacity and size."""
@@ -47,7 +56,8 @@ class MCMC:
     changes_rows = True
 
     def __init__(self, context: StrategyContext, relocation: Relocation | None = None) -> None:
-        self._context, self._relocation = context, relocation or Relocation()
+        usual = Relocation() if context.published_times else Relocation.scaled(context.iterations)
+        self._context, self._relocation = context, relocation or usual
         self._extent = context.measure_extent()
 
     def collected(self, iteration: int) -> Collected:

@@ -33,6 +33,8 @@ class StrategyContext:
         views: number of training views.
         seed: random seed.
         bright: whether the background is not black.
+        published_times: whether strategies act at the iterations of their papers, which ran for 30,000; otherwise the
+            times of shorter runs are scaled to their length.
         growth: the run's schedule of growth, or None if the strategy chooses its own.
     """
 
@@ -42,6 +44,7 @@ class StrategyContext:
     views: int
     seed: int = 0
     bright: bool = False
+    published_times: bool = False
     growth: GrowthPlan | None = None
 
     def random(self, iteration: int) -> np.random.Generator:
