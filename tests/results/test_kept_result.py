@@ -19,9 +19,12 @@ from pocketgs.metrics import evaluation
 from pocketgs.results import checkpoint
 from pocketgs.results import run as run_module
 from pocketgs.results.folder import FILES
+from pocketgs.results.reporter import Reporter
 from pocketgs.results.run import run
 from pocketgs.scene.gaussians import Gaussians
-from pocketgs.training.options import TrainingOptions
+from pocketgs.training.options import SizedOptions, TrainingOptions
+from pocketgs.training.planning.calibration import Speed
+from pocketgs.training.planning.plan import Plan
 
 
 @pytest.fixture
@@ -114,3 +117,26 @@ def test_time_for_checkpoints_is_part_of_the_time_budget(
         monkeypatch.setattr(checkpoint, interval, 0.0)
     monkeypatch.setattr(run_module, "_seconds_left", lambda *_: 1.0)
     assert 1 <= train(40).summary["iterations"] <= 10
+
+
+def test_training_knows_how_many_iterations_the_budget_is_planned_for(
+    small_capture: Capture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[SizedOptions] = []
+
+    def stop(_: Capture, options: SizedOptions, **__: object) -> None:
+        asked.append(options)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(run_module, "train", stop)
+    monkeypatch.setattr(run_module, "measure_speed", lambda *_: Speed(1.0, 1.0, 1.0))
+    monkeypatch.setattr(run_module, "seconds_since_start", lambda: 1.0)
+    write_nerfstudio(small_capture, tmp_path / "room")
+    plans: list[Plan] = []
+    options = TrainingOptions(iterations=1_000_000, time_budget=20.0, prior="none", engine="cpu")
+    reporter = Reporter(on_plan=plans.append)
+    with pytest.raises(KeyboardInterrupt):
+        run(lambda: list_capture(tmp_path / "room"), tmp_path / "out", options, reporter=reporter)
+    assert 50 <= plans[0].iterations < 1_000_000
+    assert asked[0].expected_iterations == plans[0].iterations
+    assert asked[0].iterations == 1_000_000

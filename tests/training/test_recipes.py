@@ -11,7 +11,9 @@ from pocketgs import Camera, Capture, PocketGSError, PointCloud
 from pocketgs.geometry.camera import look_at
 from pocketgs.splat.settings import LearningRates
 from pocketgs.training import recipes
+from pocketgs.training.options import SizedOptions
 from pocketgs.training.recipes import RECIPES, camera_extent, cosine, exponential_means, pixel_footprint, recipe_named
+from pocketgs.training.train import train
 
 RATES = LearningRates(means=1.0, log_scales=2.0, rotations=3.0, opacity_logits=4.0, sh_dc=5.0, sh_rest=6.0)
 
@@ -121,3 +123,29 @@ def test_camera_extent_of_cameras_in_one_place() -> None:
     # However little they move, that is a length.
     nearby = [camera_at(0, 0, 0), camera_at(2e-3, 0, 0)]
     assert camera_extent(nearby, cloud((0, 0, 5))) == pytest.approx(1.1e-3)
+
+
+@pytest.mark.parametrize(("iterations", "slower"), [(1, 1.0), (500, 1.0), (1000, 0.5**0.5), (2000, 0.5), (30_000, 0.5)])
+def test_scales_learn_more_slowly_in_longer_runs(iterations: int, slower: float) -> None:
+    recipe = recipe_named("pocketgs")
+    rates = recipe.rates_for(iterations, unit=3.0)
+    assert rates.log_scales == pytest.approx(slower * recipe.rates.log_scales)
+    assert replace(rates, log_scales=recipe.rates.log_scales) == replace(recipe.rates, means=3.0 * recipe.rates.means)
+    reference = recipe_named("reference")
+    assert reference.rates_for(iterations, unit=3.0).log_scales == reference.rates.log_scales
+
+
+def test_scales_learn_as_in_a_run_of_the_length_that_time_allows(
+    small_capture: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lengths: list[int] = []
+    rates_for = recipes.Recipe.rates_for
+
+    def note(recipe: recipes.Recipe, iterations: int, unit: float) -> LearningRates:
+        lengths.append(iterations)
+        return rates_for(recipe, iterations, unit)
+
+    monkeypatch.setattr(recipes.Recipe, "rates_for", note)
+    for expected in (None, 1):
+        train(small_capture, SizedOptions(iterations=2, prior="none", max_gaussians=50, expected_iterations=expected))
+    assert lengths == [2, 1]

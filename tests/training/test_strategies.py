@@ -21,7 +21,7 @@ from pocketgs.splat.rows import RowChange, Statistics
 from pocketgs.splat.settings import LossSettings
 from pocketgs.splat.store import ParameterStore
 from pocketgs.training import schedules
-from pocketgs.training.options import TrainingOptions
+from pocketgs.training.options import SizedOptions, TrainingOptions
 from pocketgs.training.planning.effort import sized
 from pocketgs.training.progress import Progress
 from pocketgs.training.random_points import points_in_a_cube
@@ -276,19 +276,34 @@ def test_opacities_are_not_reset_at_the_start_of_a_short_run() -> None:
     assert not engine.changes
 
 
-@pytest.mark.parametrize(("recipe", "is_published"), [("3dgs-7k", True), ("3dgs-30k", True), ("pocketgs", False)])
-def test_3dgs_recipes_keep_their_times(
-    small_capture: Capture, monkeypatch: pytest.MonkeyPatch, recipe: str, is_published: bool
-) -> None:
-    contexts: list[StrategyContext] = []
+@pytest.fixture
+def contexts(monkeypatch: pytest.MonkeyPatch) -> list[StrategyContext]:
+    """What strategies of runs are told."""
+    told: list[StrategyContext] = []
 
     def make(context: StrategyContext) -> AdaptiveDensityControl:
-        contexts.append(context)
+        told.append(context)
         return AdaptiveDensityControl(context)
 
     monkeypatch.setitem(choose._KINDS, "adc", replace(choose._KINDS["adc"], make=make))
+    return told
+
+
+@pytest.mark.parametrize(("recipe", "is_published"), [("3dgs-7k", True), ("3dgs-30k", True), ("pocketgs", False)])
+def test_3dgs_recipes_keep_their_times(
+    small_capture: Capture, contexts: list[StrategyContext], recipe: str, is_published: bool
+) -> None:
     train(small_capture, iterations=2, recipe=recipe, strategy="adc", max_gaussians=400, evaluate_every=0)
     assert [context.published_times for context in contexts] == [is_published]
+
+
+def test_strategies_are_timed_for_what_a_time_budget_allows(
+    small_capture: Capture, contexts: list[StrategyContext]
+) -> None:
+    options = SizedOptions(iterations=3, prior="none", strategy="adc", max_gaussians=400, evaluate_every=0)
+    for expected in (None, 2, 30_000):
+        train(small_capture, replace(options, expected_iterations=expected))
+    assert [context.iterations for context in contexts] == [3, 2, 3]
 
 
 # The budget.

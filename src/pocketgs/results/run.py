@@ -192,6 +192,7 @@ def _trained(
             session.options,
             max_gaussians=session.plan.gaussians,
             time_budget=None if seconds is None else max(seconds, MIN_TIME),
+            expected_iterations=session.plan.iterations,
         ),
         observer=session.reporter.on_progress,
         saver=saver.observe,

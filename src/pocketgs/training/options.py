@@ -137,6 +137,8 @@ class SizedOptions(TrainingOptions):
         open_ended: whether the run ends when it stops paying, after `least_iterations` to `iterations`.
         least_iterations: iterations of a run of the same effort that is not open-ended.
         usual_iterations: of the run if the user sets none, at most those of an open-ended one.
+        expected_iterations: that a time budget is expected to allow, which rates and strategies may depend on; None if
+            unknown.
     """
 
     iterations: int = 500
@@ -149,6 +151,7 @@ class SizedOptions(TrainingOptions):
     open_ended: bool = False
     least_iterations: int = 500
     usual_iterations: int = 500
+    expected_iterations: int | None = None
 
     @property
     def most_at_start(self) -> int:

@@ -54,11 +54,13 @@ def schedules_of(
     """
     recipe = recipe_named(options.recipe)
     cameras = [frame.camera for frame in capture.train]
-    rates = recipe.rates_for(options.iterations, recipe.length(cameras, points))
+    # Learning rates decay within the time that there is, and whatever else follows the length of the run should too.
+    iterations = min(options.iterations, options.expected_iterations or options.iterations)
+    rates = recipe.rates_for(iterations, recipe.length(cameras, points))
     dropout = dropout_share(recipe.dropout, views_per_point(cameras, points)) if recipe.dropout else 0.0
     pace = _pace(capture, options, recipe, rates, seconds, resume)
     growth = pace if isinstance(pace, OpenEndedPace) else None
-    strategy = create_strategy(options.strategy, _context(capture, points, options, recipe, growth))
+    strategy = create_strategy(options.strategy, _context(capture, points, options, recipe, iterations, growth))
     return Schedules(recipe, rates, pace, strategy, dropout)
 
 
@@ -79,10 +81,15 @@ def _pace(
 
 
 def _context(
-    capture: PreparedCapture, points: PointCloud, options: SizedOptions, recipe: Recipe, growth: GrowthPlan | None
+    capture: PreparedCapture,
+    points: PointCloud,
+    options: SizedOptions,
+    recipe: Recipe,
+    iterations: int,
+    growth: GrowthPlan | None,
 ) -> StrategyContext:
     return StrategyContext(
-        iterations=options.iterations,
+        iterations=iterations,
         most=options.max_gaussians,
         measure_extent=lambda: camera_extent([frame.camera for frame in capture.train], points),
         views=len(capture.train),

@@ -27,7 +27,7 @@ class StrategyContext:
     """The run that a strategy is for. Everything random is determined by the seed and the iteration.
 
     Attributes:
-        iterations: of the run.
+        iterations: of the run, as far as it can be planned.
         most: maximum number of Gaussians.
         measure_extent: returns 3DGS's extent of the scene, see `pocketgs.training.recipes.camera_extent`.
         views: number of training views.
