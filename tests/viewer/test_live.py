@@ -9,6 +9,7 @@ import socket
 import sys
 import threading
 import time
+import warnings
 from collections.abc import Callable, Coroutine, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
@@ -25,6 +26,7 @@ from pocketgs.capture import list_capture
 from pocketgs.results.reporter import Reporter
 from pocketgs.results.run import RunResult, run
 from pocketgs.scene.formats.spz import read_gaussians
+from pocketgs.scene.warning import SceneWarning
 from pocketgs.training.progress import Progress
 from pocketgs.viewer import live, news
 from pocketgs.viewer.live import LiveRun
@@ -423,14 +425,42 @@ def test_refined_poses_are_shown(small_capture: Capture) -> None:
     assert np.array_equal(np.reshape(camera["world_to_camera"], (4, 4)), pose)
 
 
+def shown_at_the_end(followed: LiveRun, scene: Gaussians, folder: Path) -> Gaussians | None:
+    """The scene that pages get when a run of 7 iterations ends with this one."""
+    followed.finish(RunResult(folder, scene, None, {"iterations": 7}))
+    messages, _ = followed.news.since(Read())
+    encoded = [message for message in messages if isinstance(message, bytes)]
+    return decoded(encoded[0], folder) if encoded else None
+
+
+def test_a_few_bad_gaussians_do_not_keep_the_others_from_pages(scene: Gaussians, tmp_path: Path) -> None:
+    """Such as one that NaN has reached, and one that .spz cannot place."""
+    followed, said = LiveRun("toys"), list[str]()
+    followed.reporter(Reporter(on_warning=said.append))
+    scene.means[3], scene.means[5, 1], scene.log_scales[6] = np.nan, -8.4e6, np.inf
+    scene.quaternions[8] = 0.0
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", SceneWarning)
+        shown = shown_at_the_end(followed, scene, tmp_path)
+        # The largest coordinate that can be held: steps are coarse, but there is no file that the user could change.
+        scene.means[5, 1] = -8_388_607.0
+        far = shown_at_the_end(LiveRun("toys"), scene, tmp_path)
+    assert shown is not None
+    assert far is not None
+    assert (len(shown), len(far)) == (len(scene) - 3, len(scene) - 2)
+    np.testing.assert_allclose(shown.means, np.delete(scene.means, [3, 5, 6], axis=0), atol=1e-3)
+    assert not said
+    assert not caught
+
+
 def test_scene_that_cannot_be_shown_is_a_warning(scene: Gaussians, tmp_path: Path) -> None:
-    followed = LiveRun("toys")
-    warnings: list[str] = []
-    followed.reporter(Reporter(on_warning=warnings.append))
-    scene.means[3] = np.inf
-    followed.finish(RunResult(tmp_path, scene, None, {"iterations": 7}))
-    assert len(warnings) == 1
-    assert "iteration 7 cannot be shown on the page" in warnings[0]
+    for diverged in (np.inf, 1e30):
+        followed, said = LiveRun("toys"), list[str]()
+        followed.reporter(Reporter(on_warning=said.append))
+        scene.means[:] = diverged
+        assert shown_at_the_end(followed, scene, tmp_path) is None
+        assert len(said) == 1
+        assert "iteration 7 cannot be shown on the page" in said[0]
 
 
 def test_how_far_a_stage_is(often: None) -> None:

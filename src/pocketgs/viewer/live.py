@@ -10,11 +10,15 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from typing import Final, Literal, TypeVar
 
+import numpy as np
+
 from pocketgs.capture.capture import Capture
 from pocketgs.errors import PocketGSError
 from pocketgs.results.reporter import Reporter
 from pocketgs.results.run import RunResult
+from pocketgs.scene.edits import cropped, drawable
 from pocketgs.scene.formats import spz
+from pocketgs.scene.formats.spz_attributes import MAX_FIXED
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.system.process import peak_rss_mb
 from pocketgs.training.progress import Progress
@@ -157,8 +161,11 @@ class LiveRun:
         self._encoding = self._encoder.submit(self._encode, progress.iteration, scene)
 
     def _encode(self, iteration: int, scene: Gaussians) -> None:
+        """Publish a scene without the Gaussians that the format cannot hold, which may come and go during training."""
+        farthest = np.full(3, MAX_FIXED)
         try:
-            self.news.post_scene(iteration, spz.encode(scene, SPZ_VERSION))
+            shown = cropped(drawable(scene), -farthest, farthest)
+            self.news.post_scene(iteration, spz.encode(shown, SPZ_VERSION))
         except PocketGSError as error:  # such as a scene that has diverged
             self._warn(f"iteration {iteration} cannot be shown on the page: {error}")
 

@@ -87,12 +87,15 @@ class Stored:
 
 
 def write_gaussians(path: Path, gaussians: Gaussians, version: Version = CURRENT, precision: Precision = FINE) -> None:
-    """Write a scene atomically.
+    """Write a scene atomically; warn if its centres are rounded coarsely.
 
     Raises:
         PocketGSError: the scene is empty, holds NaN or infinity or is too large, or the file cannot be written.
     """
     contents = encode(gaussians, version, precision, path)
+    bits = fractional_bits_for(gaussians, precision)
+    assert bits is not None
+    warn_if_coarse(path, gaussians, 2.0**-bits)
     with replacing(path) as partial:
         partial.write_bytes(contents)
 
@@ -118,7 +121,6 @@ def encode(
     bits = fractional_bits_for(gaussians, precision)
     if bits is None:
         raise PocketGSError(f"{path}: a coordinate exceeds {MAX_FIXED}, the maximum of .spz")
-    warn_if_coarse(path, gaussians, 2.0**-bits)
     turned = half_turn(gaussians, RIGHT_UP_BACK)
     if precision.rearranged:
         turned = rearranged(turned, precision)
