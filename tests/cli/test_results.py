@@ -253,11 +253,6 @@ def test_info(pocketgs: Callable[..., Any], result: Path, written_capture: Path)
     assert "5 training views, 3 held out" in pocketgs("info", written_capture, "--hold-out", 3).output
 
 
-def test_info_of_an_empty_scene(pocketgs: Callable[..., Any], tmp_path: Path) -> None:
-    Gaussians(*(np.zeros((0, *tail)) for tail in [(3,), (3,), (4,), (), (1, 3)])).save(tmp_path / "empty.ply")
-    assert pocketgs("info", tmp_path / "empty.ply").output == "0 Gaussians\n"
-
-
 def test_a_second_run_is_refused_and_the_first_one_ends_well(
     pocketgs: Callable[..., Any], written_capture: Path, tmp_path: Path
 ) -> None:

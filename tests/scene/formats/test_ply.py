@@ -56,7 +56,7 @@ def module_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("ply")
 
 
-@given(data=st.data(), count=st.integers(0, 5), degree=st.integers(0, 3))
+@given(data=st.data(), count=st.integers(1, 5), degree=st.integers(0, 3))
 def test_round_trip_keeps_every_bit(module_folder: Path, data: st.DataObject, count: int, degree: int) -> None:
     # Any bit pattern at all: NaN, infinity, denormals and negative zero are numbers that a file must keep, too, except
     # a thickness of 0.
@@ -73,6 +73,13 @@ def test_round_trip_keeps_every_bit(module_folder: Path, data: st.DataObject, co
     scene.save(module_folder / "scene.ply")
     scene.log_scales = np.where(scene.log_scales == -np.inf, np.float32(MIN_LOG_SCALE), scene.log_scales)
     assert bits(Gaussians.load(module_folder / "scene.ply")) == bits(scene)
+
+
+def test_a_file_without_gaussians_is_refused(scene_file: Path) -> None:
+    vertices = PlyData.read(scene_file)["vertex"].data
+    PlyData([PlyElement.describe(vertices[:0], "vertex")], byte_order="<").write(str(scene_file))
+    with pytest.raises(PocketGSError, match=r"scene.ply: 0 Gaussians, expected at least one"):
+        Gaussians.load(scene_file)
 
 
 @pytest.mark.parametrize("degree", [0, 1, 2, 3])

@@ -120,7 +120,7 @@ def test_numbers_that_are_none_are_not_written(tmp_path: Path, suffix: str, name
     assert (tmp_path / f"scene{suffix}").read_bytes() == b"before"
 
 
-@pytest.mark.parametrize("suffix", LOSSY)
+@pytest.mark.parametrize("suffix", [*LOSSY, ".ply"])
 def test_empty_scene_is_not_written(tmp_path: Path, suffix: str) -> None:
     with pytest.raises(PocketGSError, match="0 Gaussians"):
         write_scene(tmp_path / f"scene{suffix}", random_scene(0, 1))

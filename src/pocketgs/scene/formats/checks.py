@@ -42,6 +42,16 @@ def require_room(path: Path, count: int, coefficients: int, reading: tuple[int, 
     require_memory(path, count * (base + each * coefficients), f"{count:,} Gaussians")
 
 
+def require_any(path: Path, count: int) -> None:
+    """Refuse a scene without Gaussians.
+
+    Raises:
+        PocketGSError: `count` is 0.
+    """
+    if count == 0:
+        raise PocketGSError(f"{path}: 0 Gaussians, expected at least one")
+
+
 def require_sound(path: Path, gaussians: Gaussians) -> None:
     """Refuse an empty scene, and NaN or infinity.
 
@@ -50,8 +60,7 @@ def require_sound(path: Path, gaussians: Gaussians) -> None:
     Raises:
         PocketGSError: the scene is empty, or a Gaussian holds NaN or infinity.
     """
-    if len(gaussians) == 0:
-        raise PocketGSError(f"{path}: 0 Gaussians, expected at least one")
+    require_any(path, len(gaussians))
     sound = np.isfinite(gaussians.means).all(axis=1)
     sound &= np.isfinite(gaussians.log_scales).all(axis=1)
     sound &= np.isfinite(gaussians.quaternions).all(axis=1)

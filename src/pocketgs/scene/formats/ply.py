@@ -19,7 +19,7 @@ from pocketgs.files.atomic_file import replacing
 from pocketgs.files.ply_file import read_comments, read_vertices
 from pocketgs.scene.formats import antialiased
 from pocketgs.scene.formats.activations import finite_log_scales
-from pocketgs.scene.formats.checks import require_room
+from pocketgs.scene.formats.checks import require_any, require_room
 from pocketgs.scene.gaussians import SH_COEFFICIENTS, Gaussians
 
 # Maximum bytes that reading takes per Gaussian and per spherical-harmonics coefficient, as measured.
@@ -51,9 +51,10 @@ def write_gaussians(
         comments: of the header, one line each.
 
     Raises:
-        PocketGSError: the file cannot be written.
+        PocketGSError: the scene is empty, or the file cannot be written.
     """
     count = len(gaussians)
+    require_any(path, count)
     rest = np.swapaxes(gaussians.sh[:, 1:], 1, 2).reshape(count, 3 * (gaussians.sh.shape[1] - 1))
     columns = [
         gaussians.means,
@@ -79,7 +80,7 @@ def read_gaussians(path: Path) -> Gaussians:
     The Gaussians of 2DGS have two axes: they become thin discs. A thickness of 0 becomes the smallest of float32.
 
     Raises:
-        PocketGSError: the file is missing or broken, or lacks a property of the layout.
+        PocketGSError: the file is missing, broken or empty, or lacks a property of the layout.
     """
     data = read_vertices(path)
     # List properties become object arrays.
@@ -92,6 +93,7 @@ def read_gaussians(path: Path) -> Gaussians:
     if 1 + rest // 3 not in SH_COEFFICIENTS or rest % 3:
         raise PocketGSError(f"{path}: {rest} f_rest properties, expected 0, 9, 24 or 45 (SH degree 0 to 3)")
 
+    require_any(path, len(data))
     require_room(path, len(data), 1 + rest // 3, READING)
 
     def stack(*names: str) -> np.ndarray:
