@@ -229,6 +229,29 @@ def test_opacities_are_reset(iteration: int, bright: bool) -> None:
     assert engine.statistics() is statistics
 
 
+# Scenes of which nothing is left.
+
+
+@pytest.mark.parametrize("logit", [-20.0, -np.inf, np.nan])
+@pytest.mark.parametrize("name", ["adc", "mcmc", "budgeted"])
+def test_a_scene_of_the_dead_keeps_someone(name: Any, logit: float) -> None:
+    scene = scattered()
+    scene.opacity_logits[:] = logit
+    scene.opacity_logits[[7, 8]] = -9.0, -8.0
+    scene.means[8] = np.nan
+    engine = Rows(scene)
+    strategy = choose.create_strategy(name, replace(CONTEXT, published_times=False))
+    for iteration in range(1, 1001):
+        strategy.after_step(iteration, engine)  # type: ignore[arg-type]
+    after = engine.download()
+    if name == "mcmc":
+        assert not engine.changes
+    else:
+        assert np.isfinite(after.means).all()
+        assert (engine.changes[0].sources == 7).all()
+        assert 1 <= engine.count <= 150
+
+
 # Times.
 
 

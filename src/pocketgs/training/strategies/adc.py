@@ -10,6 +10,7 @@ from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.engine import Engine
 from pocketgs.splat.rows import RowChange, Statistics
 from pocketgs.training.strategies.division import SHRINKING, drawn_within, logit
+from pocketgs.training.strategies.pruning import at_least_one
 from pocketgs.training.strategies.strategy import Collected, StrategyContext, StrategyDefaults
 
 START, STOP, INTERVALS = 20, 2, 40
@@ -106,7 +107,7 @@ class AdaptiveDensityControl(StrategyDefaults):
         is_kept = scene.opacities[sources] >= control.faint
         if iteration > control.reset_every:
             is_kept &= np.exp(log_scales).max(axis=1) <= control.large * self._extent
-        is_kept &= np.isfinite(means).all(axis=1)
+        is_kept = at_least_one(is_kept & np.isfinite(means).all(axis=1), means, scene.opacities[sources])
         is_new = np.arange(len(sources)) >= len(whole)
         rows = np.flatnonzero((np.arange(len(sources)) >= parts.start)[is_kept]).astype(np.int32)
         return RowChange(

@@ -15,6 +15,7 @@ from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.engine import Engine
 from pocketgs.splat.rows import RowChange
 from pocketgs.training.strategies.division import halves
+from pocketgs.training.strategies.pruning import at_least_one
 from pocketgs.training.strategies.strategy import Collected, StrategyContext, StrategyDefaults
 
 
@@ -88,7 +89,7 @@ class Budgeted(StrategyDefaults):
 
     def _grown(self, scene: Gaussians, errors: np.ndarray, target: int) -> RowChange:
         is_kept = (scene.opacities >= self._growth.faint) & np.isfinite(scene.means).all(axis=1)
-        kept = np.flatnonzero(is_kept)
+        kept = np.flatnonzero(at_least_one(is_kept, scene.means, scene.opacities))
         wanted = min(max(target - len(kept), 0), len(kept))
         split = np.sort(kept[np.argsort(-errors[kept], kind="stable")[:wanted]])
         sources = np.concatenate([kept, split]).astype(np.int32)

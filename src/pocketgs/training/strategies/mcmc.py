@@ -87,7 +87,9 @@ class MCMC:
         rng = self._context.random(iteration)
         scene = engine.download()
         is_dead = ~(scene.opacities > self._relocation.dead) | ~np.isfinite(scene.means).all(axis=1)
-        if is_dead.any() and not is_dead.all():
+        if is_dead.all():
+            return  # there is nothing to copy
+        if is_dead.any():
             sources = np.arange(len(scene), dtype=np.int32)
             sources[is_dead] = rng.choice(np.flatnonzero(~is_dead), is_dead.sum(), p=_shares(scene.opacities[~is_dead]))
             engine.change_rows(self._sharing(scene, sources))
