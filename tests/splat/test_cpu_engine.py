@@ -14,6 +14,7 @@ from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera
 from pocketgs.scene.gaussians import PARAMETERS, Gaussians
 from pocketgs.splat.cpu.adam import adam
+from pocketgs.splat.cpu.bin import with_slack
 from pocketgs.splat.cpu.dssim import dssim
 from pocketgs.splat.cpu.engine import CpuEngine
 from pocketgs.splat.cpu.layout import (
@@ -165,6 +166,12 @@ def test_tile_lists_hold_every_pixel_that_a_splat_colours(seed: int, width: int,
         dx, dy = x - splat[0], y - splat[1]
         log2_alpha = splat[5] + splat[2] * dx * dx + splat[3] * dx * dy + splat[4] * dy * dy
         assert not np.any((log2_alpha > np.log2(1 / 255) + 1e-3) & ~listed[i])
+
+
+def test_room_for_more_intersections_than_a_fifth_of_int32() -> None:
+    """Their number is of that type, and five times it would overflow."""
+    assert with_slack(np.int32(500_000_000)) == 625_000_000
+    assert with_slack(np.int64(7)) == 8
 
 
 def test_an_unknown_engine_is_refused() -> None:

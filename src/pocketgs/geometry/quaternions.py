@@ -9,21 +9,20 @@ MAX_OTHER = np.sqrt(0.5)
 
 
 def unit(quaternions: np.ndarray) -> np.ndarray:
-    """(N, 4) float64 normalised quaternions; those of length 0 become the identity (1, 0, 0, 0)."""
+    """(N, 4) float64 normalised quaternions, however short or long.
+
+    Those of length 0 become the identity (1, 0, 0, 0), those with NaN or infinity NaN.
+    """
     largest = np.abs(quaternions).max(axis=1, keepdims=True).astype(np.float64)
-    whole = np.where(largest > 0, quaternions, np.eye(4)[0])
-    scaled = whole / np.where(largest > 0, largest, 1.0)
-    return scaled / np.linalg.norm(scaled, axis=1, keepdims=True)
+    whole = np.where(largest == 0, np.eye(4)[0], quaternions)
+    with np.errstate(invalid="ignore"):
+        scaled = whole / np.where(largest == 0, 1.0, largest)
+        return np.asarray(scaled / np.linalg.norm(scaled, axis=1, keepdims=True))
 
 
 def rotation_matrices(quaternions: np.ndarray) -> np.ndarray:
-    """(N, 3, 3) rotation matrices of (N, 4) quaternions w, x, y, z, normalised here; NaN where they are not finite.
-
-    Those of length 0 give the identity.
-    """
-    with np.errstate(all="ignore"):
-        lengths = np.linalg.norm(quaternions, axis=1, keepdims=True)
-        w, x, y, z = (quaternions / np.where(lengths == 0, 1.0, lengths)).T
+    """(N, 3, 3) rotation matrices of (N, 4) quaternions w, x, y, z, which `unit` normalises."""
+    w, x, y, z = unit(quaternions).astype(quaternions.dtype).T
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
         [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],

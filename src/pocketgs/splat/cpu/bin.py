@@ -239,6 +239,11 @@ def _distribute(
             share = take(counter)
 
 
+def with_slack(count: int | np.integer) -> int:
+    """Room for a quarter more, so that the next image probably fits too; beyond int32, which counts may be of."""
+    return int(count) * 5 // 4
+
+
 class Binner:
     """Makes tile lists, and keeps working memory between images.
 
@@ -275,13 +280,13 @@ class Binner:
         size = (view.width, view.height, self._threads)
         _list_intersections(splats, order, *size, slots, counts, self._listed, found)
         if found.max() > self._listed.shape[1]:
-            self._listed = np.empty((shares, int(found.max() * 5 // 4), 3), np.int32)
+            self._listed = np.empty((shares, with_slack(found.max()), 3), np.int32)
             _list_intersections(splats, order, *size, slots, counts, self._listed, found)
         ranges = np.empty(view.tiles + 1, np.int32)
         _place(counts, ranges)
         # Kept as well: fresh memory costs a page fault every 4 KB.
         if len(self._intersections) < ranges[-1]:
-            self._intersections = np.empty((ranges[-1] * 5 // 4, INTERSECTION_FIELDS), np.int32)
+            self._intersections = np.empty((with_slack(ranges[-1]), INTERSECTION_FIELDS), np.int32)
         intersections = self._intersections[: ranges[-1]]
         _number_slots(visible, slots)
         _distribute(self._listed, found, counts, self._threads, slots, intersections)
