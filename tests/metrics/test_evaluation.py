@@ -6,6 +6,7 @@ import json
 import sys
 from dataclasses import asdict
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from skimage import data
 from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 
 from pocketgs.errors import PocketGSError
+from pocketgs.metrics.colour_correction import colour_corrected
 from pocketgs.metrics.evaluation import Evaluation, ImageMetrics, cc_psnr, evaluate, psnr, ssim
 from pocketgs.metrics.flip import flip
 from pocketgs.metrics.perceptual import Lpips
@@ -93,6 +95,34 @@ def test_colour_correction_of_what_is_clipped_everywhere(photo: np.ndarray, leve
     assert cc_psnr(photo, flat) == pytest.approx(psnr(photo, flat))
 
 
+def multinerf_correction(rendered: np.ndarray, photo: np.ndarray) -> np.ndarray:
+    """MultiNeRF's colour correction, written as its definition."""
+
+    def unclipped(values: np.ndarray) -> np.ndarray:
+        return (values >= 0.5 / 255) & (values <= 1 - 0.5 / 255)
+
+    pixels, target = rendered.reshape(-1, 3).astype(np.float64), photo.reshape(-1, 3).astype(np.float64)
+    at_first = unclipped(pixels)
+    for _ in range(5):
+        quadratic = [pixels[:, [a]] * pixels[:, [b]] for a in range(3) for b in range(a, 3)]
+        terms = np.concatenate([*quadratic, pixels, np.ones_like(pixels[:, :1])], axis=1)
+        fitted = []
+        for channel in range(3):
+            counts = at_first[:, channel] & unclipped(pixels[:, channel]) & unclipped(target[:, channel])
+            fitted.append(terms @ np.linalg.lstsq(terms[counts], target[counts, channel], rcond=None)[0])
+        pixels = np.clip(np.stack(fitted, axis=1), 0, 1)
+    return pixels.reshape(rendered.shape)
+
+
+def test_colour_correction_is_multinerfs(photo: np.ndarray) -> None:
+    """Also where the correction itself clips pixels, which later rounds leave out."""
+    steep = np.clip(3 * photo - 1, 0, 1)
+    rendered = noisy(0.4 * photo + 0.3, 0.03)
+    expected = multinerf_correction(rendered, steep)
+    assert ((expected == 0) | (expected == 1)).any(axis=2).mean() > 0.2
+    np.testing.assert_allclose(colour_corrected(rendered, steep), expected, atol=1e-3)
+
+
 def test_colours_are_fitted_within_the_mask(photo: np.ndarray) -> None:
     mask = np.zeros(photo.shape[:2], dtype=bool)
     mask[30:90, 40:150] = True
@@ -112,6 +142,22 @@ def test_flip_grows_with_the_error(photo: np.ndarray) -> None:
     spoilt = photo.copy()
     spoilt[80:] = 0
     assert flip(spoilt, photo, mask) == 0
+
+
+def test_flip_is_the_mean_over_the_mask_alone(monkeypatch: pytest.MonkeyPatch, photo: np.ndarray) -> None:
+    """With a package that measures absolute differences of the images that it is given."""
+
+    def evaluate_pair(
+        reference: np.ndarray, test: np.ndarray, *_: object, **__: object
+    ) -> tuple[np.ndarray, None, None]:
+        return np.abs(reference - test).mean(axis=2, keepdims=True), None, None
+
+    monkeypatch.setitem(sys.modules, "flip_evaluator", SimpleNamespace(evaluate=evaluate_pair))
+    mask = np.zeros(photo.shape[:2], dtype=bool)
+    mask[20:60, 30:90] = True
+    rendered = np.where(mask[..., None], 0.75 * photo, 1.0 - photo)
+    assert flip(rendered, photo, mask) == pytest.approx(0.25 * photo[mask].mean(), rel=1e-5)
+    assert flip(rendered, photo) == pytest.approx(np.abs(rendered - photo).mean(), rel=1e-5)
 
 
 def test_missing_flip_is_none(monkeypatch: pytest.MonkeyPatch, photo: np.ndarray) -> None:
@@ -180,6 +226,26 @@ def test_missing_lpips_is_reported(monkeypatch: pytest.MonkeyPatch, photo: np.nd
     assert evaluation.lpips is None
     assert evaluation.lpips_note is not None
     assert "pip install" in evaluation.lpips_note
+
+
+def test_lpips_compares_what_lies_within_the_mask(photo: np.ndarray) -> None:
+    """With a network that measures absolute differences of the images that it is given."""
+    pytest.importorskip("torch")
+    shapes = []
+
+    def network(first: Any, second: Any, normalize: bool) -> Any:
+        assert normalize
+        shapes.append(tuple(first.shape))
+        return (first - second).abs().mean()
+
+    metric = Lpips(network)
+    mask = np.zeros(photo.shape[:2], dtype=bool)
+    mask[20:60, 30:90] = True
+    spoilt = np.where(mask[..., None], photo, 1.0 - photo)
+    assert metric.distance(spoilt, photo, mask) == 0
+    assert metric.distance(spoilt, photo, ~mask) == metric.distance(spoilt, photo)
+    assert metric.distance(spoilt, photo) == pytest.approx(np.abs(spoilt - photo).mean(), rel=1e-5)
+    assert set(shapes) == {(1, 3, *photo.shape[:2])}
 
 
 def test_failed_download_of_weights_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -157,6 +157,16 @@ def test_a_view_that_is_dropped_after_the_listing_leaves_validation_views() -> N
         assert len(found.views(0)) == views - 2
 
 
+def test_a_resumed_run_counts_its_time_from_the_last_look(psnrs: list[float]) -> None:
+    """So that the gain per minute is that of training, not of the time since it was resumed."""
+    psnrs.append(20.5)
+    found = pace(course=Course((Look(500, 20.0, 100, 90.0),)))
+    engine: Any = Seen()
+    found.after_step(667, 30.0, engine)
+    assert found.course.looks[-1] == Look(667, 20.5, 100, 120.0)
+    assert found.course.gain_per_minute == pytest.approx(1.0)
+
+
 def test_growth_follows_stages_that_pay() -> None:
     found = pace(course=Course((Look(500, 20.0, 100, 1.0), Look(667, 21.0, 125, 61.0))))
     assert found.course.gain_per_minute == pytest.approx(1.0)

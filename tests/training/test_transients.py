@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -30,6 +31,7 @@ from pocketgs.training.progress import Progress
 from pocketgs.training.result import Checkpoint
 from pocketgs.training.train import train
 from pocketgs.training.transients import Transients, pixels_of, transient_cells
+from pocketgs.training.view_residuals import ComparedView
 
 OPTIONS = TrainingOptions(iterations=200, max_gaussians=15_000, engine="cpu", evaluate_every=0, bundle=False)
 
@@ -144,6 +146,53 @@ def test_a_wrong_pose_that_the_prior_missed_is_left_out(empty_room: PreparedCapt
         views = [(render_frame(engine, frame, wrong.background), frame.image / 255.0) for frame in wrong.held_out]
         psnrs.append(np.mean([psnr(*view) for view in views]))
     assert psnrs[0] > psnrs[1]
+
+
+def cells_of(monkeypatch: pytest.MonkeyPatch, *residuals: np.ndarray, expected: float = 0.01) -> list[np.ndarray]:
+    """The transient cells of views with these residuals, where their neighbours have the expected ones."""
+    views = [ComparedView(each, np.full(each.shape, expected)) for each in residuals]
+    monkeypatch.setattr(transients, "compare_views", lambda *_: views)
+    engine: Any = None
+    return transient_cells(engine, [], (0.0, 0.0, 0.0))
+
+
+def with_region(residual: float, rows: int, columns: int, around: float = 0.01) -> np.ndarray:
+    """(60, 80) residuals with a region at a corner."""
+    residuals = np.full((60, 80), around)
+    residuals[:rows, :columns] = residual
+    return residuals
+
+
+def test_what_covers_most_of_a_photograph_is_not_masked(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A region keeps its rim of one cell; the photograph is not contradicted, since most of it fits."""
+    monkeypatch.setattr(transients, "_is_contradicted", lambda view: False)
+    less, more = cells_of(monkeypatch, with_region(0.5, 58, 39), with_region(0.5, 58, 41))
+    assert less.sum() == 59 * 40
+    assert less.mean() <= transients.MAX_SHARE < 59 * 42 / (60 * 80)
+    assert not more.any()
+
+
+@pytest.mark.parametrize(("wrong", "are_left_out"), [(0, True), (1, True), (2, True), (3, False), (8, False)])
+def test_at_most_a_quarter_of_the_photographs_is_left_out(
+    monkeypatch: pytest.MonkeyPatch, wrong: int, are_left_out: bool
+) -> None:
+    fits, differs = np.full((60, 80), 0.01), np.full((60, 80), 0.3)
+    found = cells_of(monkeypatch, *[differs] * wrong, *[fits] * (8 - wrong))
+    assert [cells.all() for cells in found] == [are_left_out] * wrong + [False] * (8 - wrong)
+    assert not any(cells.any() for cells in found[wrong:])
+
+
+def test_small_residuals_are_not_transients_however_well_the_neighbours_fit(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neither of a whole photograph, nor of a region, nor of the surroundings of one."""
+    whole, *_ = cells_of(monkeypatch, np.full((60, 80), 0.035), *[np.full((60, 80), 0.002)] * 7, expected=0.002)
+    assert not whole.any()
+    (faint,) = cells_of(monkeypatch, with_region(0.07, 20, 20, around=0.002), expected=0.002)
+    assert not faint.any()
+    inside = with_region(0.035, 30, 30, around=0.002)
+    inside[:20, :20] = 0.2
+    (cells,) = cells_of(monkeypatch, inside, expected=0.002)
+    assert cells[:21, :21].all()
+    assert cells.sum() == 21 * 21
 
 
 def test_masks_of_the_neighbours_do_not_speak_against_a_photograph(
