@@ -85,8 +85,6 @@ def _capture_lines(capture: Capture) -> list[str]:
 
 
 def _scene_lines(scene: Gaussians) -> list[str]:
-    if len(scene) == 0:
-        return ["0 Gaussians"]
     low, high = np.quantile(scene.means, [0.01, 0.99], axis=0)
     box = " x ".join(f"{length:.3g}" for length in high - low)
     scales = scene.scales

@@ -93,8 +93,6 @@ def view(
         with reading_inside(scene if scene.is_dir() else None):
             shown = load_any(scene)
         opened = in_world_of(scene, read_for(scene, capture, reading)) if capture else None
-    if len(shown) == 0:
-        raise PocketGSError(f"{scene}: holds no Gaussians, expected at least one")
     is_result = scene.is_dir()
     title = scene.resolve().name if is_result else scene.stem
     gaussians = shown.gaussians if isinstance(shown, SortFreeScene) else shown
