@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import struct
 from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import av
@@ -29,6 +31,12 @@ def without_first(mp4: bytes, frames: int) -> bytes:
 
 
 def _write(path: Path, images: Sequence[np.ndarray], codec: str, tag: str, options: dict[str, str]) -> None:
+    """In a process of its own: what x264 makes of images depends on what its process did before."""
+    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
+        pool.submit(_encode, path, images, codec, tag, options).result()
+
+
+def _encode(path: Path, images: Sequence[np.ndarray], codec: str, tag: str, options: dict[str, str]) -> None:
     with av.open(str(path), "w") as file:
         stream = file.add_stream(codec, rate=60, options=options)
         stream.height, stream.width = images[0].shape[:2]
