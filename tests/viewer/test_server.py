@@ -383,6 +383,16 @@ def test_only_this_machine_is_served(page: Page) -> None:
     assert (page.network_url, page.fingerprint) == (None, None)
 
 
+def test_an_address_that_this_machine_gets_later(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Such as in another network. Names stay as they were: foreign pages can point theirs at any address."""
+    monkeypatch.setattr("pocketgs.viewer.access.lan_addresses", lambda: ["192.168.7.8"])
+    inside, outside = Access(frozenset({"localhost"}), network=True), Access(frozenset({"localhost"}))
+    assert inside.serves_host("192.168.7.8:8000")
+    assert not outside.serves_host("192.168.7.8:8000")
+    assert not inside.serves_host("192.168.7.9:8000")
+    assert not inside.serves_host("evil.example:8000")
+
+
 def test_tokens_differ_and_stay_out_of_reports() -> None:
     one, other = Access(frozenset()), Access(frozenset())
     assert one.token != other.token

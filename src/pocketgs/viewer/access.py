@@ -6,6 +6,8 @@ import secrets
 from dataclasses import dataclass, field
 from urllib.parse import urlsplit
 
+from pocketgs.viewer.address import lan_addresses
+
 TOKEN_BYTES = 16
 
 
@@ -21,10 +23,12 @@ class Access:
     Attributes:
         hosts: names and addresses of the server, in lower case.
         token: first part of every path.
+        network: whether the local network is served.
     """
 
     hosts: frozenset[str]
     token: str = field(default_factory=new_token, repr=False)
+    network: bool = False
 
     def serves_host(self, host: str) -> bool:
         """Whether a Host header names this server.
@@ -36,7 +40,8 @@ class Access:
             name = urlsplit(f"//{host}").hostname
         except ValueError:  # unbalanced brackets
             return False
-        return name in self.hosts
+        # This machine may have got another address since, such as in another network.
+        return name in self.hosts or (self.network and name in lan_addresses())
 
     def opens(self, path: str) -> bool:
         """Whether a path starts with the token, compared in constant time."""

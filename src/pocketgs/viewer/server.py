@@ -88,7 +88,7 @@ def serving_application(
     """
     addresses = lan_addresses() if network else []
     hosts = list(dict.fromkeys([LOOPBACK, "localhost", *addresses, *(host_names() if network else [])]))
-    access = Access(frozenset(hosts), token or new_token())
+    access = Access(frozenset(hosts), token or new_token(), network)
     secret = _Secret.of(hosts, certificates) if network else None
     listener = _listen(ANY_ADDRESS if network else LOOPBACK, port)
     port = listener.getsockname()[1]
