@@ -110,6 +110,7 @@ def test_a_bound_that_is_too_low_is_spent_on_all_of_the_walk() -> None:
     frames = walk(120, 0.25)
     decisions = select(frames, most=12)
     assert len(kept(decisions)) == 12
+    assert {each.reason for each in decisions if not each.kept} == {"others cover more, of at most 12"}
     # Six pairs, each two units wide but for what lies between its two, on 32 units.
     assert np.mean(times_seen(frames, kept(decisions)) >= 2) > 0.3
 

@@ -102,12 +102,14 @@ def select_keyframes(
     relative = _relative_sharpness(sharpnesses)[looked_at] ** 2
     chosen = {int(looked_at[view]): gain for view, gain in _greedy(views, relative, settings)}
     considered = set(looked_at.tolist())
+    is_full = len(chosen) == settings.max_keyframes
+    others = f"others cover more, of at most {len(chosen)}" if is_full else "what it sees is covered"
     decisions = []
     for index, frame in enumerate(frames):
         if index in chosen:
             reason = f"covers {chosen[index]:.1%} more"
         else:
-            reason = "what it sees is covered" if index in considered else f"not among the {len(looked_at)} considered"
+            reason = others if index in considered else f"not among the {len(looked_at)} considered"
         decisions.append(Decision(frame.name, index in chosen, reason, float(sharpnesses[index])))
     return decisions
 
