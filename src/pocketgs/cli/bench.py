@@ -132,9 +132,9 @@ def _check_output(folder: Path) -> None:
     Raises:
         PocketGSError: a file has the name of a table, a chart or a report, and there are no results for these.
     """
-    for name in (TABLE, OVERVIEW, REPORT):
-        if (folder / name).exists() and not read_results(folder):
-            raise PocketGSError(f"{folder / name}: stands in a folder without results, expected another --output")
+    taken = [folder / name for name in (TABLE, OVERVIEW, REPORT) if (folder / name).exists()]
+    if taken and not read_results(folder):
+        raise PocketGSError(f"{taken[0]}: stands in a folder without results, expected another --output")
 
 
 def _prepare(console: Terminal, jobs: Sequence[Job], demo: Path) -> None:

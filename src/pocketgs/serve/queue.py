@@ -111,14 +111,11 @@ class Queue:
     async def recover(self) -> None:
         """Take up again what a server that was killed has left half done, and end the run that it left behind."""
         for entry in list(self._shelf.entries.values()):
-            result = self._shelf.place(entry) / RESULT
+            place = self._shelf.place(entry)
             if entry.process:
-                await asyncio.to_thread(child.end, entry.process, str(result))
+                await asyncio.to_thread(child.end, entry.process, str(place / RESULT))
             if entry.state == "training":
-                if is_complete(result, entry.begun):
-                    await self._keep_result(entry)
-                else:
-                    self._note(entry.id, state="queued", process=None)
+                await self._note_end(entry, place)
             elif entry.state == "uploading" and self._shelf.has_all(entry):
                 self._note(entry.id, state="checking")  # no more pieces come, which would tell that it is complete
 
@@ -185,10 +182,7 @@ class Queue:
         except BaseException as error:
             await run.end()  # nobody follows it any more: it would train beside the next one
             if isinstance(error, asyncio.CancelledError):
-                if is_complete(place / RESULT, begun):
-                    await self._keep_result(entry)
-                else:
-                    self._note(entry.id, state="queued", process=None)
+                await self._note_end(replace(entry, begun=begun), place)
             raise
         finally:
             del self._work[entry.id]
@@ -197,7 +191,7 @@ class Queue:
         """Say how a run has ended."""
         # A run that was ended while it wrote its result has written all of it.
         if status == 0 or is_complete(place / RESULT, entry.begun):
-            await self._keep_result(entry)
+            await self._keep_result(entry, place)
         elif entry.id in self._held:
             self._note(entry.id, state="queued", process=None)
         elif run.is_unwanted:
@@ -208,9 +202,15 @@ class Queue:
                 message = f"training ended with status {status}; it said last: {message or 'nothing'}"
             self._note(entry.id, state="failed", message=message, process=None)
 
-    async def _keep_result(self, entry: Entry) -> None:
+    async def _note_end(self, entry: Entry, place: Path) -> None:
+        """Note that a run was ended with its server: it is queued again, unless its result was complete by then."""
+        if is_complete(place / RESULT, entry.begun):
+            await self._keep_result(entry, place)
+        else:
+            self._note(entry.id, state="queued", process=None)
+
+    async def _keep_result(self, entry: Entry, place: Path) -> None:
         """Note that a capture is trained, and show its result."""
-        place = self._shelf.place(entry)
         with suppress(PocketGSError):
             await asyncio.to_thread(show_rendering, place / THUMBNAIL, place / RESULT)
         self._note(entry.id, state="trained", process=None)

@@ -93,8 +93,9 @@ def check_convention(
     share = _share(cameras, features, matches)
     if share >= DOUBTFUL:
         return
-    best = max(_others(), key=lambda one: _share([one.applied(camera) for camera in cameras], features, matches))
-    if _share([best.applied(camera) for camera in cameras], features, matches) >= CLEAR:
+    others = [(_share([one.applied(camera) for camera in cameras], features, matches), one) for one in _others()]
+    most, best = max(others, key=lambda other: other[0])
+    if most >= CLEAR:
         raise MisreadPosesError(best)
     if share < CONTRADICTED:
         raise PocketGSError(

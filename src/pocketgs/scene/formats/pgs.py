@@ -18,7 +18,7 @@ import numpy as np
 from pocketgs.errors import PocketGSError
 from pocketgs.files.atomic_file import replacing
 from pocketgs.scene.formats import pgs_attributes as attributes
-from pocketgs.scene.formats.checks import read_contents, require_room, require_sound
+from pocketgs.scene.formats.checks import read_contents, require_any, require_room, require_sound
 from pocketgs.scene.formats.coarseness import warn_if_coarse
 from pocketgs.scene.formats.pgs_coding import DEFAULT, Coding
 from pocketgs.scene.formats.pgs_columns import MAX_NUMBER, Columns, ReadColumns, WrittenColumns
@@ -297,8 +297,7 @@ def _layout(path: Path, sections: dict[str, bytes]) -> Layout:
     needed = {name for name, _ in KNOWN} - absent
     if missing := sorted(needed - sections.keys()):
         raise PocketGSError(f"{path}: section {missing[0]!r} is missing")
-    if not count:
-        raise PocketGSError(f"{path}: 0 Gaussians, expected at least one")
+    require_any(path, count)
     _require_count(path, count)
     if entries > MAX_ENTRIES:
         raise PocketGSError(f"{path}: a codebook of {entries:,}, expected at most {MAX_ENTRIES:,}")

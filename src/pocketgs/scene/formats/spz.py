@@ -18,7 +18,7 @@ from pocketgs.errors import PocketGSError
 from pocketgs.files.atomic_file import replacing
 from pocketgs.scene.formats import antialiased
 from pocketgs.scene.formats.axes import LEFT_DOWN_BACK, LEFT_UP_FORWARD, RIGHT_DOWN_FORWARD, RIGHT_UP_BACK, half_turn
-from pocketgs.scene.formats.checks import read_contents, require_room, require_sound
+from pocketgs.scene.formats.checks import read_contents, require_any, require_room, require_sound
 from pocketgs.scene.formats.coarseness import warn_if_coarse
 from pocketgs.scene.formats.spz_arrangement import rearranged
 from pocketgs.scene.formats.spz_attributes import MAX_FIXED, Layout, fractional_bits_for, pack, unpack
@@ -169,8 +169,7 @@ def _layout(path: Path, header: bytes, versions: tuple[int, ...]) -> tuple[Layou
         raise PocketGSError(f"{path}: version {version} in this container, expected {' or '.join(map(str, versions))}")
     if degree > MAX_DEGREE:
         raise PocketGSError(f"{path}: spherical harmonics of degree {degree}, expected 0 to {MAX_DEGREE}")
-    if not count:
-        raise PocketGSError(f"{path}: 0 Gaussians, expected at least one")
+    require_any(path, count)
     require_room(path, count, (degree + 1) ** 2, READING)
     return Layout(version, count, degree, bits), flags, last
 

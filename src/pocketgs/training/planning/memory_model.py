@@ -113,14 +113,18 @@ def _matching(work: Work) -> int:
     """Bytes of features and matches, besides what the detection of features in single photographs takes."""
     if not work.has_prior:
         return 0
-    return (ADJUSTMENT if work.options.bundle else 0) + MATCHING + MATCHED_FEATURE * _features(work.outline)
+    return _adjustment(work) + MATCHING + MATCHED_FEATURE * _features(work.outline)
 
 
 def _after_poses(work: Work) -> int:
     """Bytes that remain of refining poses and compensating exposure."""
-    adjustment = ADJUSTMENT if work.options.bundle else 0
     compensated = int(OBJECTS * work.outline.image_bytes) if work.options.exposure != "off" else 0
-    return adjustment + compensated + SPARSE + SPARSE_FEATURE * _features(work.outline)
+    return _adjustment(work) + compensated + SPARSE + SPARSE_FEATURE * _features(work.outline)
+
+
+def _adjustment(work: Work) -> int:
+    """Bytes that bundle adjustment takes, if it takes place."""
+    return ADJUSTMENT if work.options.bundle else 0
 
 
 def _features(outline: Outline) -> int:

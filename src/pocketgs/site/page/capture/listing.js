@@ -44,7 +44,8 @@ const PINHOLE = lensOf(false, () => 0);
  * @returns {FrameSource}
  */
 export function sourceOf(file, camera, more = {}) {
-    return { name: file.path, file, frame: null, camera, lens: PINHOLE, mask: null, isMaskFound: false, depth: null, border: 0, ...more };
+    const nothing = { frame: null, lens: PINHOLE, mask: null, isMaskFound: false, depth: null, border: 0 };
+    return { name: file.path, file, camera, ...nothing, ...more };
 }
 
 /**
