@@ -33,6 +33,20 @@ def test_paths_of_another_machine(ring, write_transforms, stated):
     np.testing.assert_array_equal(capture.train[3].image, ring.images[3])
 
 
+def test_converted_photographs_of_another_machine(ring, write_transforms):
+    frames = ring.transforms()["frames"]
+    for frame, name in zip(frames, ring.names, strict=True):
+        frame["file_path"] = f"/home/someone/scan/images/{Path(name).stem}.jpeg"
+    folder = write_transforms(frames=frames)
+    assert [frame.name for frame in read_listing(folder).frames] == [f"images/{name}" for name in ring.names]
+    (folder / "images/view_02.png").unlink()
+    listing = read_listing(folder)
+    assert len(listing.frames) == 9
+    assert any("1 of 10 listed frames have no image file" in warning for warning in listing.warnings)
+    shutil.copy(folder / "images/view_03.png", folder / "images/view_03.jpg")  # which of them is not known
+    assert len(read_listing(folder).frames) == 8
+
+
 def test_the_fullest_resolution_is_taken(ring, write_transforms):
     frames = ring.transforms("photographs")["frames"]
     folder = write_transforms(frames=frames)

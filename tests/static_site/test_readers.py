@@ -113,6 +113,18 @@ def test_images_with_another_suffix(call: Call, capture_folder: Path) -> None:
     assert_same(call, capture_folder)
 
 
+def test_converted_images_of_another_machine(call: Call, capture_folder: Path) -> None:
+    """They are found by their names with another suffix, unless several have one."""
+    restated(capture_folder, "file_path", lambda path: f"/home/me/scan/{Path(path).stem}.jpeg")
+    assert_same(call, capture_folder)
+    assert len(read(call, capture_folder)["frames"]) == 8
+    first, second, *_ = sorted((capture_folder / "images").iterdir())
+    first.unlink()
+    shutil.copy(second, second.with_suffix(".jpg"))
+    assert_same(call, capture_folder)
+    assert len(read(call, capture_folder)["frames"]) == 6
+
+
 @pytest.mark.parametrize(
     "stated", ["/home/me/masks/{name}", "C:\\scan\\masks\\{name}", "/images/{name}", "gone/{name}"]
 )

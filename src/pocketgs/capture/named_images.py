@@ -29,9 +29,9 @@ def find_images(
 ) -> tuple[list[Path | None], tuple[str, ...]]:
     """Find the file of each image that a capture names; returns warnings too.
 
-    If no stated path exists (see `find_stated`), each image is searched by name in the whole capture: captures get
-    moved, and many tools write paths of the machine that they ran on. If some stated paths exist, the others are
-    missing.
+    If no stated path exists (see `find_stated`), each image is searched by name in the whole capture, or else by its
+    name with another suffix: captures get moved, images get converted, and many tools write paths of the machine that
+    they ran on. If some stated paths exist, the others are missing.
 
     Args:
         folder: the capture's, inside which files must lie.
@@ -44,7 +44,8 @@ def find_images(
         Files, None where missing, and warnings.
 
     Raises:
-        PocketGSError: a path is not usable, or leaves the folder and no file inside has its name.
+        PocketGSError: a path is not usable, or leaves the folder; paths that all are of another machine are fine if a
+            file inside has the name of one of them.
     """
     refusal: PocketGSError | None = None
     try:
@@ -55,7 +56,8 @@ def find_images(
         return files, ()
     files = _by_name_alone(_images_below(folder, leave_out), named, suffixes)
     found = [(name, file) for name, file in zip(named, files, strict=True) if file is not None]
-    if refusal and len(found) < len(named):
+    moved = found and all(PureWindowsPath(name).root for name in named)
+    if refusal and not moved and len(found) < len(named):
         raise refusal
     if not found:
         return files, ()
@@ -116,23 +118,27 @@ def _spelt_otherwise(present: dict[str, list[Path]], stated: str, suffixes: tupl
 
 
 def _spelt_in(folder: Path) -> dict[str, list[Path]]:
-    """The images directly in a folder, by normalised name and by normalised name with any suffix."""
+    """The images directly in a folder, by their names; see `_by_spelling`."""
+    return _by_spelling([file for file in list_images(folder) if not file.is_symlink()] if folder.is_dir() else [])
+
+
+def _by_spelling(files: Sequence[Path]) -> dict[str, list[Path]]:
+    """Files by normalised name and by normalised name with any suffix."""
     found: dict[str, list[Path]] = defaultdict(list)
-    for file in list_images(folder) if folder.is_dir() else ():
-        if not file.is_symlink():
-            found[spelling(file.name)].append(file)
-            found[spelling(file.stem) + ANY_SUFFIX].append(file)
-    return found
+    for file in files:
+        found[spelling(file.name)].append(file)
+        found[spelling(file.stem) + ANY_SUFFIX].append(file)
+    return dict(found)
 
 
 def _by_name_alone(present: Sequence[Path], named: Sequence[str], suffixes: tuple[str, ...]) -> list[Path | None]:
     """For each image, the file of its name whose folders match the stated ones best; None on a tie."""
-    by_name: dict[str, list[Path]] = defaultdict(list)
-    for file in present:
-        by_name[spelling(file.name)].append(file)
+    by_name = _by_spelling(present)
 
     def best(name: str) -> Path | None:
-        files = [file for suffix in suffixes for file in by_name[spelling(_last_part(name) + suffix)]]
+        last = spelling(_last_part(name))
+        files = [file for suffix in suffixes for file in by_name.get(last + spelling(suffix), ())]
+        files = files or by_name.get(os.path.splitext(last)[0] + ANY_SUFFIX, [])
         ranks = sorted((_rank(file, name), file) for file in files)
         return None if not ranks or (len(ranks) > 1 and ranks[0][0] == ranks[1][0]) else ranks[0][1]
 

@@ -14,8 +14,8 @@ import { isImage } from "./image_header.js";
 
 /**
  * Find the file of each image that a capture names. If no stated path exists (see `findStated`), each image is searched
- * by name in the whole folder: captures get moved, and many tools write paths of the machine that they ran on. If some
- * stated paths exist, the others are missing.
+ * by name in the whole folder, or else by its name with another suffix: captures get moved, images get converted, and
+ * many tools write paths of the machine that they ran on. If some stated paths exist, the others are missing.
  *
  * @param {FileTree} tree
  * @param {string} folder that the images lie in; "" for the whole capture
@@ -25,7 +25,8 @@ import { isImage } from "./image_header.js";
  * @param {{deepest: number, other_pictures: string}} bounds the settings' `capture`
  * @param {(folder: string) => boolean} leaveOut whether the search by name leaves out a folder
  * @returns {[(StoredFile | undefined)[], string[]]} the files, undefined where missing, and warnings
- * @throws {Error} a path leaves the folder, and not every image is found by its name
+ * @throws {Error} a path leaves the folder; paths that all are of another machine are fine if an image has the name of
+ *     one of them
  */
 export function findImages(tree, folder, named, where, suffixes, bounds, leaveOut = () => false) {
     let refusal = null;
@@ -39,7 +40,8 @@ export function findImages(tree, folder, named, where, suffixes, bounds, leaveOu
     }
     const files = byNameAlone(imagesBelow(tree, folder, bounds, leaveOut), tree, named, suffixes);
     const found = files.filter(Boolean);
-    if (refusal && found.length < named.length) {
+    const hasMoved = found.length > 0 && named.every(isRooted);
+    if (refusal && !hasMoved && found.length < named.length) {
         throw refusal;
     }
     if (!found.length) {
@@ -106,8 +108,10 @@ export const stemOf = (path) => spelling(lastPartOf(path)).replace(/(?<=.)\.[^.]
 /** For each image, the present file of its name whose folders agree best with the stated ones; undefined on a tie. */
 function byNameAlone(present, tree, named, suffixes) {
     const byName = grouped(present, (path) => spelling(nameOf(path)));
+    const byStem = grouped(present, stemOf);
     return named.map((name) => {
-        const paths = suffixes.flatMap((suffix) => byName.get(spelling(lastPartOf(name) + suffix)) ?? []);
+        const same = suffixes.flatMap((suffix) => byName.get(spelling(lastPartOf(name) + suffix)) ?? []);
+        const paths = same.length ? same : (byStem.get(stemOf(name)) ?? []);
         const ranked = paths.map((path) => ({ path, rank: rankOf(path, name) })).sort((a, b) => b.rank - a.rank);
         const isUnique = ranked.length === 1 || ranked[0]?.rank > ranked[1]?.rank;
         return isUnique ? tree.find(ranked[0].path) : undefined;
