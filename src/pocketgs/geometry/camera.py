@@ -139,6 +139,10 @@ class Camera:
         inside: np.ndarray = np.all((pixels >= 0) & (pixels < (self.width, self.height)), axis=1)
         return inside
 
+    def shows(self, pixels: np.ndarray, depth: np.ndarray) -> np.ndarray:
+        """(N,) bool: whether points that `project` gives pixels and depths lie in front of the camera and in the image."""
+        return (depth > 0) & self.contains(pixels)
+
     def depths(self, points: np.ndarray) -> np.ndarray:
         """(N,) depths of (N, 3) world points: along the optical axis, or for a fisheye distances from the camera."""
         if self.lens.model == "fisheye":

@@ -198,7 +198,7 @@ def compensated(frames: Sequence[Frame], gains: np.ndarray) -> list[Frame]:
 def _colours_at(frame: Frame, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(N,) bool which points a photograph sees well, and (S, 3) float64 colours where those S fall in it."""
     pixels, depth = frame.camera.project(points)
-    seen = (depth > 0) & frame.camera.contains(pixels)
+    seen = frame.camera.shows(pixels, depth)
     columns, rows = np.where(seen[:, None], pixels, 0).astype(np.int64).T
     colours = cv2.GaussianBlur(frame.image, (0, 0), SMOOTHING)[rows, columns].astype(np.float64)
     seen &= np.all((colours >= DARKEST) & (colours <= BRIGHTEST), axis=1)

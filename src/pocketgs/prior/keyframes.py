@@ -211,7 +211,7 @@ def _sees(view: _Cells, positions: np.ndarray, lengths: np.ndarray, rays: np.nda
     """(C,) bool: whether a view sees positions that others see along rays."""
     camera = view.camera
     pixels, depth = camera.project(positions)
-    inside = (depth > 0) & camera.contains(pixels)
+    inside = camera.shows(pixels, depth)
     rows, columns = view.depths.shape
     column, row = (np.where(inside[:, None], pixels, 0) * (columns / camera.width, rows / camera.height)).astype(int).T
     unhidden = depth < HIDDEN * view.depths[row, column]

@@ -35,7 +35,7 @@ def views_per_point(cameras: Sequence[Camera], points: PointCloud) -> float:
     views = np.zeros(len(positions))
     for camera in cameras:
         pixels, depth = camera.project(positions)
-        views += (depth > 0) & camera.contains(pixels)
+        views += camera.shows(pixels, depth)
     return float(np.median(views)) if len(views) else 0.0
 
 

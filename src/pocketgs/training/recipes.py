@@ -65,7 +65,7 @@ def pixel_footprint(cameras: Sequence[Camera], points: PointCloud) -> float:
     positions = points.positions[:: 1 + len(cameras) * len(points) // MOST_DEPTHS].astype(np.float64)
     for camera in cameras:
         pixels, depth = camera.project(positions)
-        seen = (depth > 0) & camera.contains(pixels)
+        seen = camera.shows(pixels, depth)
         ratios.append(depth[seen] / math.sqrt(camera.fx * camera.fy))
     together = np.concatenate(ratios)
     if len(together) == 0:

@@ -48,7 +48,7 @@ def _seen_and_transparent(frame: Frame, points: np.ndarray) -> tuple[np.ndarray,
     """(M,) bool each: which points a frame with alpha has in view, and which of those at transparent pixels."""
     assert frame.alpha is not None
     pixels, depth = frame.camera.project(points)
-    seen = (depth > 0) & frame.camera.contains(pixels)
+    seen = frame.camera.shows(pixels, depth)
     transparent = np.zeros(len(points), bool)
     columns, rows = pixels[seen].astype(np.int64).T
     transparent[seen] = frame.alpha[rows, columns] == 0

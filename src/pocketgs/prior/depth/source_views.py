@@ -52,7 +52,7 @@ def choose_source_views(
 def _scores(view: Camera, other: Camera, points: np.ndarray, settings: SweepSettings) -> np.ndarray:
     """(N,) score of another camera for estimating the depths of points."""
     pixels, depth = other.project(points)
-    seen = (depth > 0) & other.contains(pixels)
+    seen = other.shows(pixels, depth)
     here, there = view.centre - points, other.centre - points
     distances = np.linalg.norm(here, axis=1)
     cosine = np.sum(here * there, axis=1) / np.maximum(distances * np.linalg.norm(there, axis=1), 1e-30)
