@@ -17,6 +17,7 @@ import pytest
 
 from documentation import ROOT, SUBCOMMANDS, Command, commands, options, tables
 from pocketgs.cli import main
+from pocketgs.cli.bench import Everywhere
 from pocketgs.cli.capture_options import CaptureOptions
 
 if sys.version_info >= (3, 11):
@@ -84,6 +85,12 @@ def test_options_in_sentences_exist(help_of: Callable[[str], str]) -> None:
     for page, words in options():
         for option, value in pairs(tuple(shlex.split(words))):
             assert any(accepts(each, option, value) for each in told), f"{page}: {words}"
+
+
+def test_the_benchmarks_page_names_the_flags_of_all_cells() -> None:
+    page = (ROOT / "docs" / "benchmark.md").read_text(encoding="utf-8")
+    [named] = re.findall(r"common\s+flags\s+\(([^)]*)\)", page)
+    assert re.findall(r"--[\w-]+", named) == [flag for flag in Everywhere().flags if flag.startswith("--")]
 
 
 @pytest.mark.parametrize("command", [c for c in COMMANDS if c.program.endswith(".py")], ids=str)
