@@ -39,7 +39,7 @@ LAST_RATES = 0.02
 """Final learning rates, relative to those at the start of the decay."""
 
 GROWTH = 1.25
-"""Growth factor of the number of Gaussians after a stage with sufficient gain."""
+"""Growth factor of the number of Gaussians after every stage."""
 
 SLOWS_FROM = 500
 """Iterations after which rates decay with the inverse square root of the iteration: the length of the run is unknown,
