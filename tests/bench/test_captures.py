@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from pathlib import Path
 
 import pytest
@@ -9,6 +10,7 @@ import pytest
 from pocketgs.bench.captures import DATA_VARIABLE, captures_named, data_folder, known_captures
 from pocketgs.bench.cell import Job
 from pocketgs.bench.methods import METHODS
+from pocketgs.capture.synthetic import demo_capture
 from pocketgs.cli import main
 from pocketgs.errors import PocketGSError
 
@@ -72,6 +74,11 @@ def test_a_capture_is_typed_as_its_folder(data: Path, tmp_path: Path, monkeypatc
         ("garden", "garden"),
     ]
     assert Job(METHODS["pocketgs"], known["demo"], 0).command == "pocketgs train demo-capture --seed 0"
+
+
+def test_the_demo_is_described_with_its_number_of_frames(data: Path) -> None:
+    frames = inspect.signature(demo_capture).parameters["frames"].default
+    assert f"{frames} frames" in known_captures(data, data / "demo")["demo"].what
 
 
 def test_what_is_neither_known_nor_a_folder_is_refused(data: Path) -> None:

@@ -23,7 +23,7 @@ STAGES = {
     "planning": "planning",
     "points": "choosing points to start from",
     "seeding": "seeding Gaussians",
-    "compilation": "loading kernels (the first run compiles them: up to half a minute)",
+    "compilation": "loading kernels (the first run compiles them: up to a minute)",
     "upload": "preparing the engine",
     "compressing": "pruning, fine-tuning and rounding",
     "writing": "writing the result",
