@@ -140,7 +140,12 @@ class Camera:
         return inside
 
     def shows(self, pixels: np.ndarray, depth: np.ndarray) -> np.ndarray:
-        """(N,) bool: whether points that `project` gives pixels and depths lie in front of the camera and in the image."""
+        """(N,) bool: whether points that `project` has projected lie in front of the camera and in the image.
+
+        Args:
+            pixels: (N, 2).
+            depth: (N,).
+        """
         return (depth > 0) & self.contains(pixels)
 
     def depths(self, points: np.ndarray) -> np.ndarray:
