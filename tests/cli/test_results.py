@@ -253,6 +253,22 @@ def test_info(pocketgs: Callable[..., Any], result: Path, written_capture: Path)
     assert "5 training views, 3 held out" in pocketgs("info", written_capture, "--hold-out", 3).output
 
 
+def test_info_of_a_capture_larger_than_memory(pocketgs: Callable[..., Any], capture_folder: Path) -> None:
+    document = json.loads((capture_folder / "transforms.json").read_text())
+    for frame in list(document["frames"]):
+        file = capture_folder / frame["file_path"]
+        for copy in (file, file.with_stem(f"copy_{file.stem}")):
+            Image.open(file).resize((480, 360)).save(copy)
+        document["frames"].append(frame | {"file_path": copy.relative_to(capture_folder).as_posix()})
+    (capture_folder / "transforms.json").write_text(json.dumps(document))
+    told = pocketgs("info", capture_folder, "--max-memory", 6)
+    assert told.errors == ""
+    assert "14 training views, 2 held out" in told.output
+    assert "read at 1/2 of their size to fit in --max-memory: at full size, up to 480x360, they would" in told.output
+    assert "images: 240x180" in told.output
+    assert "images: 480x360" in pocketgs("info", capture_folder).output
+
+
 def test_a_second_run_is_refused_and_the_first_one_ends_well(
     pocketgs: Callable[..., Any], written_capture: Path, tmp_path: Path
 ) -> None:

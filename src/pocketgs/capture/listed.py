@@ -23,7 +23,7 @@ from pocketgs.capture.loading import (
 from pocketgs.capture.undistortion import inner_rectangle
 from pocketgs.capture.video_file import VideoFrame
 from pocketgs.errors import PocketGSError
-from pocketgs.files.memory_bound import require_memory, room_for
+from pocketgs.files.memory_bound import fits, require_memory, room_for
 from pocketgs.files.opening import reading_inside
 
 RGB_BYTES = 3
@@ -154,6 +154,17 @@ class ListedCapture:
             has_alpha=any(header.has_alpha for header in headers.values()),
             read_again=_may_read_again(shrink),
         )
+
+    def shrink_that_fits(self) -> int:
+        """The least integer factor to reduce photographs by, so that all of them fit in the memory bound.
+
+        Raises:
+            PocketGSError: as `outline`; also if nothing of the photographs would be left.
+        """
+        shrink = 1
+        while not fits(self.outline(shrink).image_bytes):
+            shrink += 1
+        return shrink
 
     def load(self, shrink: int = 1, readers: int = MAX_READERS) -> Capture:
         """Decode the photographs.

@@ -8,7 +8,7 @@ from typing import Annotated
 import numpy as np
 import tyro
 
-from pocketgs.capture import Capture
+from pocketgs.capture import ListedCapture
 from pocketgs.cli.capture_options import CaptureOptions
 from pocketgs.cli.devices import device_lines
 from pocketgs.cli.run_lines import capture_lines
@@ -31,7 +31,8 @@ def info(
     Args:
         path: A capture's folder or transforms.json, a scene file (.ply, .pgs, .spz, .glb …), or a result folder.
         devices: List the GPUs and which engines can use them.
-        max_memory: Megabytes that reading may take; larger files are refused.
+        max_memory: Megabytes that reading may take. A capture's photographs are reduced to fit; larger scenes are
+            refused.
         reading: Options for reading a capture.
     """
     lines = []
@@ -49,7 +50,7 @@ def info(
 
 def _path_lines(path: Path, reading: CaptureOptions) -> list[str]:
     if not names_scene(path):
-        return _capture_lines(reading.listed(path).load())
+        return _capture_lines(reading.listed(path))
     scene = load_any(path)
     if isinstance(scene, SortFreeScene):
         return [*_scene_lines(scene.gaussians), _weights_line(scene)]
@@ -64,7 +65,10 @@ def _device_lines() -> list[str]:
     return device_lines(adapters(), CpuEngine().threads)
 
 
-def _capture_lines(capture: Capture) -> list[str]:
+def _capture_lines(listed: ListedCapture) -> list[str]:
+    """Describe a capture, whose photographs need not fit in memory at full size."""
+    shrink = listed.shrink_that_fits()
+    capture = listed.load(shrink)
     cameras = [frame.camera for frame in capture.frames]
     sizes = sorted({f"{camera.width}x{camera.height}" for camera in cameras})
     focal = np.median([camera.fx for camera in cameras])
@@ -78,10 +82,20 @@ def _capture_lines(capture: Capture) -> list[str]:
     span = " x ".join(f"{length:.3g}" for length in np.ptp(centres, axis=0))
     return [
         *capture_lines(capture),
+        *_shrinking_lines(listed, shrink),
         f"images: {', '.join(sizes)}, median focal length {focal:.1f} pixels; {with_extras}",
         f"cameras lie in a box of {span} {'metres' if capture.metric else 'scene units'}",
         *(f"warning: {warning}" for warning in capture.warnings),
     ]
+
+
+def _shrinking_lines(listed: ListedCapture, shrink: int) -> list[str]:
+    if shrink == 1:
+        return []
+    outline = listed.outline()
+    width, height = outline.largest
+    full = f"at full size, up to {width}x{height}, they would take {outline.image_bytes / 1e6:,.0f} MB"
+    return [f"photographs are read at 1/{shrink} of their size to fit in --max-memory: {full}"]
 
 
 def _scene_lines(scene: Gaussians) -> list[str]:

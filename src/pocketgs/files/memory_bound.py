@@ -48,12 +48,17 @@ def require_memory(where: object, needed: float, what: str) -> None:
     Raises:
         PocketGSError: it exceeds the bound.
     """
-    if needed > _most_bytes:
+    if not fits(needed):
         megabytes = -(-needed // MB)
         raise PocketGSError(
             f"{where}: {what} would take {megabytes:,.0f} MB of memory, expected at most {_most_bytes // MB:,} MB: "
             f"--max-memory {megabytes:.0f} or more would be enough"
         )
+
+
+def fits(needed: float) -> bool:
+    """Whether reading something that takes `needed` bytes stays within the memory bound."""
+    return needed <= _most_bytes
 
 
 def room_for(needed: float, most: int, held: float = 0.0) -> int:
