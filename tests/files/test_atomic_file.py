@@ -96,7 +96,8 @@ def test_nothing_written_is_an_error(tmp_path: Path) -> None:
 
 
 def test_leftovers_of_other_files_stay(tmp_path: Path) -> None:
-    names = [".a[1].0123abcd.partial.txt", ".a1.0123abcd.partial.txt", ".a[1].0123abcd.partial.ply", "a[1].txt"]
+    others = [".a1.0123abcd.partial.txt", ".a[1].0123abcd.partial.ply", ".a[1].v2.0123abcd.partial.txt"]
+    names = [".a[1].0123abcd.partial.txt", *others, "a[1].txt"]
     for name in names:
         (tmp_path / name).touch()
     remove_leftovers(tmp_path / "a[1].txt")

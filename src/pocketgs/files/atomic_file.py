@@ -11,6 +11,9 @@ from pathlib import Path
 
 from pocketgs.errors import PocketGSError
 
+RANDOM_DIGITS = 8
+"""Of the hexadecimal number in the name of a temporary file."""
+
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
@@ -23,7 +26,7 @@ def replacing(path: Path) -> Iterator[Path]:
     """
     if not path.name:
         raise PocketGSError(f"{path}: is a folder, expected the name of a file")
-    partial = path.with_name(f".{path.stem}.{uuid.uuid4().hex[:8]}.partial{path.suffix}")
+    partial = path.with_name(f".{path.stem}.{uuid.uuid4().hex[:RANDOM_DIGITS]}.partial{path.suffix}")
     try:
         yield partial
         # The rename may reach the disk before the content: a power cut would leave an empty file.
@@ -40,5 +43,6 @@ def replacing(path: Path) -> Iterator[Path]:
 
 def remove_leftovers(path: Path) -> None:
     """Delete the temporary files that killed processes have left beside `path`."""
-    for leftover in path.parent.glob(f".{escape(path.stem)}.*.partial{escape(path.suffix)}"):
+    digits = "[0-9a-f]" * RANDOM_DIGITS  # a * would also match the temporary files of NAME.v2 for NAME
+    for leftover in path.parent.glob(f".{escape(path.stem)}.{digits}.partial{escape(path.suffix)}"):
         leftover.unlink(missing_ok=True)

@@ -16,6 +16,9 @@ from pocketgs.system.interrupt import deferred_interrupt
 NEW, OLD = "new", "old"
 """In a temporary folder: the new content, and the earlier content that it replaces."""
 
+RANDOM = "[a-z0-9_]" * 8
+"""Pattern of what `mkdtemp` adds to a name. A `*` would also match the temporary folders of `NAME.v2` for `NAME`."""
+
 
 @contextmanager
 def replacing_folder(folder: Path) -> Iterator[tuple[Path, Path]]:
@@ -57,7 +60,7 @@ def _replacing(folder: Path) -> Iterator[tuple[Path, Path]]:
 
 def _clear_leftovers(folder: Path) -> None:
     """Delete what killed processes left beside `folder`, and restore content that they had moved aside."""
-    for leftover in folder.parent.glob(f".{escape(folder.name)}.*.partial"):
+    for leftover in folder.parent.glob(f".{escape(folder.name)}.{RANDOM}.partial"):
         if _is_half_swapped(leftover, folder):
             os.replace(leftover / OLD, folder)
         shutil.rmtree(leftover, ignore_errors=True)
