@@ -48,6 +48,18 @@ def test_sixteen_bits_are_scaled(tmp_path, suffix):
     np.testing.assert_array_equal(read_grey(path, 1), RAMP)
 
 
+@pytest.mark.parametrize("mode", ["RGBA", "LA"])
+def test_alpha_that_is_opaque_counts_as_none(tmp_path: Path, mode: str) -> None:
+    alpha = Image.new("L", (64, 48), 255)
+    picture = Image.fromarray(PICTURE).convert(mode)
+    for lowest in (255, 254):
+        alpha.putpixel((5, 7), lowest)
+        picture.putalpha(alpha)
+        picture.save(tmp_path / "a.png")
+        found = read_colour(tmp_path / "a.png")[1]
+        assert (found is None) == (lowest == 255)
+
+
 def test_floating_point_pixels_are_refused(tmp_path):
     Image.fromarray(RAMP.astype(np.float32)).save(tmp_path / "a.tif")
     with pytest.raises(PocketGSError, match=r"a\.tif: .* expected 8 or 16 bits"):

@@ -114,8 +114,10 @@ def test_kinds_of_image(tmp_path):
         if name != "1":
             np.testing.assert_array_equal(colours[:, :, 1], ramp)
     for mode in ("LA", "RGBA"):
-        grey.convert(mode).save(tmp_path / f"{mode}.png")
-        assert np.all(read_colour(tmp_path / f"{mode}.png")[1] == 255)
+        cut_out = grey.convert(mode)
+        cut_out.putalpha(grey)
+        cut_out.save(tmp_path / f"{mode}.png")
+        np.testing.assert_array_equal(read_colour(tmp_path / f"{mode}.png")[1], ramp)
     grey.convert("CMYK").save(tmp_path / "cmyk.jpg")
     assert read_colour(tmp_path / "cmyk.jpg")[0].shape == (4, 6, 3)
     assert read_mask(tmp_path / "16.png").sum() == 11  # of 130 to 230, above half of white

@@ -51,6 +51,16 @@ def test_photographs_without_poses_are_placed_upright(tmp_path):
     assert source_masks(source, "found") == {}
 
 
+def test_copies_with_opaque_alpha_are_what_their_names_say(tmp_path: Path) -> None:
+    source = tmp_path / "a.png"
+    Image.fromarray(PICTURE).convert("RGBA").save(source, exif=on_its_side())
+    name = names_of_copies([source])[source]
+    (tmp_path / "placed").mkdir()
+    place_photograph(source, tmp_path / "placed" / name)
+    assert (name, read_header(tmp_path / "placed" / name).format) == ("a.png", "PNG")
+    np.testing.assert_array_equal(read_colour(tmp_path / "placed" / name)[0], np.rot90(PICTURE, -1))
+
+
 def test_long_notes_in_exif_are_left_out(tmp_path: Path) -> None:
     """JPEG has room for 64 kB, PNG and HEIF have more."""
     exif = on_its_side()

@@ -159,6 +159,23 @@ def test_sparse_cloud(walk: Capture) -> None:
     assert np.median(best) < 0.05
 
 
+def test_only_gains_that_were_undone_are_reported(walk: Capture) -> None:
+    alpha = np.full(walk.train[0].image.shape[:2], 255, np.uint8)
+    alpha[:5] = 0
+    cut_out = [replace(frame, alpha=alpha) for frame in walk.train]
+    settings = replace(SETTINGS, dense=False, exposure="on", structure=StructureSettings(bundle=False))
+    train = [*cut_out[:5], *walk.train[5:]]
+    found = build_prior(replace(walk, train=train), 5000, settings)
+    assert found.report is not None
+    assert found.report.gains is not None
+    changed = [not np.array_equal(old.image, new.image) for old, new in zip(train, found.train, strict=True)]
+    assert changed == [False] * 5 + [True] * (len(train) - 5)
+    assert np.any(found.report.gains != 1.0, axis=1).tolist() == changed
+    whole = build_prior(replace(walk, train=cut_out), 5000, settings).report
+    assert whole is not None
+    assert whole.gains is None
+
+
 def test_poses_stay_where_asked(walk: Capture) -> None:
     settings = replace(SETTINGS, dense=False, structure=StructureSettings(bundle=False), exposure="off")
     found = build_prior(walk, 5000, settings)

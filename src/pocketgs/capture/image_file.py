@@ -36,6 +36,8 @@ HEIF_MARK = b"ftyp"
 DECODING, DECODING_ALPHA = 24, 40
 """Bytes per pixel while a photograph is read, without and with alpha."""
 
+OPAQUE = 255
+
 UPRIGHT, QUARTER_TURNS = 1, (5, 6, 7, 8)  # values of EXIF's tag Orientation
 
 
@@ -45,7 +47,7 @@ class ImageHeader:
 
     Attributes:
         width, height: in pixels, as stored.
-        has_alpha: whether the pixels have alpha.
+        has_alpha: whether the pixels have alpha, be it opaque.
         orientation: EXIF's tag Orientation; 1 means upright.
         format: Pillow's name of the file's format, whatever its suffix.
     """
@@ -82,7 +84,7 @@ def read_size(path: CaptureFile) -> tuple[int, int]:
 
 
 def read_colour(path: CaptureFile, upright: bool = False) -> tuple[np.ndarray, np.ndarray | None]:
-    """Read the colours of an image file, and its alpha if it has one.
+    """Read the colours of an image file, and its alpha if any pixel is not opaque.
 
     Of a file with several images, such as those of cameras with two lenses, the first is read. 16 bits become 8.
 
@@ -192,7 +194,7 @@ def _know_heif() -> None:
 
 
 def colour_and_alpha(image: Image.Image) -> tuple[np.ndarray, np.ndarray | None]:
-    """(H, W, 3) uint8 RGB of an image, and its (H, W) uint8 alpha if it has one.
+    """(H, W, 3) uint8 RGB of an image, and its (H, W) uint8 alpha if any pixel is not opaque.
 
     Raises:
         ValueError: its pixels are floating-point numbers.
@@ -203,7 +205,9 @@ def colour_and_alpha(image: Image.Image) -> tuple[np.ndarray, np.ndarray | None]
         return np.repeat(high_bytes(image)[:, :, None], 3, axis=2), None
     if _has_alpha(image):
         pixels = np.asarray(image.convert("RGBA"))
-        return np.ascontiguousarray(pixels[:, :, :3]), np.ascontiguousarray(pixels[:, :, 3])
+        alpha = np.ascontiguousarray(pixels[:, :, 3])
+        # Many programs save every photograph with alpha. One that is opaque throughout was not cut out.
+        return np.ascontiguousarray(pixels[:, :, :3]), None if alpha.min() == OPAQUE else alpha
     return np.asarray(image.convert("RGB")), None
 
 

@@ -69,8 +69,9 @@ def place_photograph(photograph: Path, target: Path) -> None:
     exif = read_image(photograph, _exif_upright)
     colours, alpha = read_colour(photograph, upright=True)
     with replacing(target) as new:
-        if alpha is not None:
-            Image.fromarray(np.dstack([colours, alpha])).save(new, "PNG", exif=exif)
+        if header.has_alpha:
+            pixels = colours if alpha is None else np.dstack([colours, alpha])
+            Image.fromarray(pixels).save(new, "PNG", exif=exif)
         else:
             Image.fromarray(colours).save(new, "JPEG", quality=JPEG_QUALITY, subsampling=0, exif=exif)
 

@@ -181,11 +181,9 @@ def needs_compensation(frames: Sequence[Frame], gains: np.ndarray, scale: Scale)
 def compensated(frames: Sequence[Frame], gains: np.ndarray) -> list[Frame]:
     """The photographs as they would have been taken at the mean exposure.
 
-    Those with alpha stay as they are: they were cut out and laid on a background, which has no exposure.
-
     Args:
         frames: F photographs.
-        gains: (F, 3) of each.
+        gains: (F, 3) of each; those with alpha stay as they are, see `undone_gains`.
     """
     return [
         replace(frame, image=np.clip(np.rint(frame.image / gain), 0, 255).astype(np.uint8))
@@ -193,6 +191,19 @@ def compensated(frames: Sequence[Frame], gains: np.ndarray) -> list[Frame]:
         else frame
         for frame, gain in zip(frames, gains, strict=True)
     ]
+
+
+def undone_gains(frames: Sequence[Frame], gains: np.ndarray) -> np.ndarray | None:
+    """The gains that `compensated` undoes: 1 for photographs with alpha, or None if all of them have it.
+
+    They were cut out and laid on a background, which has no exposure.
+
+    Args:
+        frames: F photographs.
+        gains: (F, 3) of each.
+    """
+    is_cut_out = np.array([frame.alpha is not None for frame in frames])
+    return None if is_cut_out.all() else np.where(is_cut_out[:, None], 1.0, gains)
 
 
 def _colours_at(frame: Frame, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

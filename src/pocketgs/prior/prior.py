@@ -17,7 +17,7 @@ from pocketgs.prior.cloud.fuse import FusionSettings
 from pocketgs.prior.dense_cloud import SparseScene, dense_cloud
 from pocketgs.prior.depth.sweep import SweepSettings
 from pocketgs.prior.devices import Devices, create_devices
-from pocketgs.prior.exposure import compensated, exposure_gains, needs_compensation
+from pocketgs.prior.exposure import compensated, exposure_gains, needs_compensation, undone_gains
 from pocketgs.prior.keyframes import KeyframeSettings, select_keyframes
 from pocketgs.prior.poses.convention import Convention, MisreadPosesError
 from pocketgs.prior.poses.structure import Structure, StructureSettings, build_structure
@@ -118,7 +118,7 @@ def build_prior(
         rmse=structure.rmse_after if structure else None,
         poses_refined=bool(poses.convention) or (structure is not None and structure.refined),
         poses=poses,
-        gains=gains,
+        gains=None if gains is None else undone_gains(capture.train, gains),
         points=len(cloud),
         swept_on=dense.swept_on if dense else None,
         coverage=dense.completion.covered if dense else None,
@@ -183,7 +183,7 @@ def _with_poses_of(structure: Structure | None, capture: Capture) -> Capture:
 def _with_one_exposure(
     capture: Capture, structure: Structure | None, scale: Scale, settings: PriorSettings
 ) -> tuple[Capture, np.ndarray | None]:
-    """The capture with exposure-compensated training photographs if needed, and their gains."""
+    """The capture with exposure-compensated training photographs if needed, and the gains of all of them."""
     if structure is None or settings.exposure == "off":
         return capture, None
     gains = exposure_gains(capture.train, structure, scale)

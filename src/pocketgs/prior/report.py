@@ -102,7 +102,7 @@ class PriorReport:
         poses_refined: whether poses were changed.
         poses: frames whose poses were wrong or could not be refined.
         gains: (F, 3) exposure of each training photograph in red, green and blue, as a factor on display values whose
-            geometric mean is 1, if it was compensated.
+            geometric mean is 1, if it was compensated; 1 for those that were cut out, which stay as they are.
         points: number of points of the cloud.
         swept_on: device that computed depth, "cpu" or "webgpu", or None if none was computed.
         coverage: share of the training pixels that the cloud covers, or None if no depth was computed.
