@@ -12,6 +12,7 @@ from typing import TypeVar
 import numpy as np
 from PIL import ExifTags, Image, ImageOps
 
+from pocketgs.capture.colour_profile import in_srgb
 from pocketgs.errors import PocketGSError, clipped
 from pocketgs.files.memory_bound import require_memory
 from pocketgs.files.opening import checked, open_file
@@ -86,7 +87,8 @@ def read_size(path: CaptureFile) -> tuple[int, int]:
 def read_colour(path: CaptureFile, upright: bool = False) -> tuple[np.ndarray, np.ndarray | None]:
     """Read the colours of an image file, and its alpha if any pixel is not opaque.
 
-    Of a file with several images, such as those of cameras with two lenses, the first is read. 16 bits become 8.
+    Of a file with several images, such as those of cameras with two lenses, the first is read. 16 bits become 8, and
+    colours of other profiles, such as Display P3, become sRGB.
 
     Args:
         path: the file.
@@ -194,7 +196,7 @@ def _know_heif() -> None:
 
 
 def colour_and_alpha(image: Image.Image) -> tuple[np.ndarray, np.ndarray | None]:
-    """(H, W, 3) uint8 RGB of an image, and its (H, W) uint8 alpha if any pixel is not opaque.
+    """(H, W, 3) uint8 sRGB of an image, and its (H, W) uint8 alpha if any pixel is not opaque.
 
     Raises:
         ValueError: its pixels are floating-point numbers.
@@ -204,11 +206,13 @@ def colour_and_alpha(image: Image.Image) -> tuple[np.ndarray, np.ndarray | None]
     if image.mode in SIXTEEN_BIT_MODES:
         return np.repeat(high_bytes(image)[:, :, None], 3, axis=2), None
     if _has_alpha(image):
-        pixels = np.asarray(image.convert("RGBA"))
+        pixels = np.asarray(in_srgb(image.convert("RGBA")))
         alpha = np.ascontiguousarray(pixels[:, :, 3])
         # Many programs save every photograph with alpha. One that is opaque throughout was not cut out.
         return np.ascontiguousarray(pixels[:, :, :3]), None if alpha.min() == OPAQUE else alpha
-    return np.asarray(image.convert("RGB")), None
+    if image.mode in ("L", "CMYK"):  # have profiles of their own kinds
+        return np.asarray(in_srgb(image).convert("RGB")), None
+    return np.asarray(in_srgb(image.convert("RGB"))), None
 
 
 def _header(image: Image.Image) -> ImageHeader:

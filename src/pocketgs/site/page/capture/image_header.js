@@ -9,9 +9,10 @@
  * @property {number} width pixels as stored
  * @property {number} height
  * @property {string} type
- * @property {Uint8Array} plain the file without EXIF, by which browsers would turn it, and without profiles of colours,
+ * @property {Uint8Array} plain the file without EXIF, by which browsers would turn it, and without what states its colours,
  *     by which Safari would change them whatever is asked of it
- * @property {Uint8Array} turnable the same with EXIF
+ * @property {Uint8Array} coloured the same with its colour profile, by which browsers bring photographs to sRGB
+ * @property {Uint8Array} turnable the same with EXIF too
  */
 
 /** Most files state their size within so many bytes. */
@@ -26,9 +27,10 @@ const [EXIF, PROFILE] = [0xe1, 0xe2];
 const PNG = [0x89, 0x50, 0x4e, 0x47, 0x0d, 0x0a, 0x1a, 0x0a];
 
 /** What a part of a file is about. */
-const [TURN, COLOURS, OTHER] = [0, 1, 2];
+const [TURN, PROFILED, COLOURS, OTHER] = [0, 1, 2, 3];
 
-const PNG_PARTS = { eXIf: TURN, iCCP: COLOURS, cICP: COLOURS, sRGB: COLOURS, gAMA: COLOURS, cHRM: COLOURS };
+/** Python knows only the profile. */
+const PNG_PARTS = { eXIf: TURN, iCCP: PROFILED, cICP: COLOURS, sRGB: COLOURS, gAMA: COLOURS, cHRM: COLOURS };
 
 /** Whether a file is an image that the page reads, by its name. @type {(path: string) => boolean} */
 export const isImage = (path) => /\.(png|jpe?g|jpe|jfif)$/i.test(path);
@@ -107,7 +109,7 @@ function readJpeg(view, bytes) {
             size = { height: view.getUint16(at + 5), width: view.getUint16(at + 7) };
         }
         const isProfile = kind === PROFILE && textIn(bytes, at + 4, 11) === "ICC_PROFILE";
-        parts.push({ about: kind === EXIF ? TURN : isProfile ? COLOURS : OTHER, content: bytes.subarray(at, end) });
+        parts.push({ about: kind === EXIF ? TURN : isProfile ? PROFILED : OTHER, content: bytes.subarray(at, end) });
         at = end;
     }
     return size && { ...size, type: "image/jpeg", ...without(parts) };
@@ -117,6 +119,7 @@ function readJpeg(view, bytes) {
 function without(parts) {
     return {
         plain: joined(parts.filter(({ about }) => about === OTHER)),
+        coloured: joined(parts.filter(({ about }) => about === OTHER || about === PROFILED)),
         turnable: joined(parts.filter(({ about }) => about !== COLOURS)),
     };
 }

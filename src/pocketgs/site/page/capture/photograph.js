@@ -28,7 +28,7 @@ import { resampled, resampledPlane, undistortedView } from "./undistortion.js";
  */
 
 /**
- * Decode a photograph: as it is stored, unless its camera has the shape of the turned image only.
+ * Decode a photograph in sRGB: as it is stored, unless its camera has the shape of the turned image only.
  *
  * @param {FrameSource} source
  * @param {{aspect_tolerance: number}} bounds the settings' `capture`
@@ -37,10 +37,10 @@ import { resampled, resampledPlane, undistortedView } from "./undistortion.js";
  */
 export async function decodedPhotograph({ file, camera }, { aspect_tolerance: tolerance }) {
     const bytes = await file.bytes();
-    const { width, height, type, plain, turnable } = readHeader(bytes, file.path);
+    const { width, height, type, coloured, turnable } = readHeader(bytes, file.path);
     // Poses usually refer to pixels as stored.
     const isTurned = !hasShapeOf(camera, width, height, tolerance) && hasShapeOf(camera, height, width, tolerance);
-    return decoded(isTurned ? turnable : plain, type, file.path);
+    return decoded(isTurned ? turnable : coloured, type, file.path);
 }
 
 /**

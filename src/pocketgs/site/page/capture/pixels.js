@@ -25,16 +25,16 @@ const MOST_DRAWN = 1 << 22;
 const CANVAS = new OffscreenCanvas(0, 0);
 
 /**
- * Decode an image as it is stored: without turning it, and without changing its colours.
+ * Decode an image.
  *
- * @param {Uint8Array} bytes
+ * @param {Uint8Array} bytes what `readHeader` gives: browsers turn images and change colours as these say
  * @param {string} type such as image/png
  * @param {string} path for messages
  * @returns {Promise<Pixels>}
  * @throws {Error} the browser cannot decode it
  */
 export async function decoded(bytes, type, path) {
-    const options = { colorSpaceConversion: "none", premultiplyAlpha: "none" };
+    const options = { premultiplyAlpha: "none" };
     let bitmap;
     try {
         bitmap = await createImageBitmap(new Blob([bytes], { type }), options);
@@ -48,7 +48,7 @@ export async function decoded(bytes, type, path) {
 }
 
 /**
- * Decode an image file as it is stored.
+ * Decode an image file as it is stored: without turning it, and without changing its colours.
  *
  * @param {import("../archive/tree.js").StoredFile} file
  * @returns {Promise<Pixels>}
