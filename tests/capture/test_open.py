@@ -86,9 +86,24 @@ def test_every_nth_by_name_is_held_out(ring, write_transforms):
     assert len(open_capture(capture.path, hold_out_every=0).train) == 10
 
 
+@pytest.mark.parametrize("count", [1, 2, 3, 4, 7])
+def test_few_frames_are_all_trained_on_unless_asked(ring, write_transforms, count):
+    folder = write_transforms(frames=ring.transforms()["frames"][:count])
+    capture = open_capture(folder)
+    is_whole = count < 4
+    assert (len(capture.train), len(capture.held_out)) == ((count, 0) if is_whole else (count - 1, 1))
+    assert capture.protocol.endswith("nothing held out") == is_whole
+    assert any("fewer than 4 frames: none is held out" in warning for warning in capture.warnings) == is_whole
+    assert open_capture(folder, hold_out_every=0).warnings == ()
+    if count >= 2:
+        assert len(open_capture(folder, hold_out_every=2).held_out) == (count + 1) // 2
+
+
 def test_something_must_be_left_to_train_on(ring, write_transforms):
-    with pytest.raises(PocketGSError, match="expected one to train on"):
-        open_capture(write_transforms(frames=ring.transforms()["frames"][:1]))
+    frames = ring.transforms()["frames"][:4]
+    names = [frame["file_path"] for frame in frames]
+    with pytest.raises(PocketGSError, match=r"all of its 4 frames are held out, .* --hold-out 0 trains on all"):
+        open_capture(write_transforms(frames=frames, test_filenames=names))
 
 
 def test_protocol_says_what_was_done(ring, write_transforms):

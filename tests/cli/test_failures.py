@@ -131,7 +131,7 @@ def test_one_training_view_gives_the_reference_recipe_no_length(
     document = json.loads((capture_folder / "transforms.json").read_text())
     document["frames"] = document["frames"][:2]
     (capture_folder / "transforms.json").write_text(json.dumps(document))
-    options = ["--output", result, "--iterations", "5", "--recipe", "reference", "--prior", "none"]
+    options = ["--output", result, "--iterations", "5", "--recipe", "reference", "--prior", "none", "--hold-out", "2"]
     assert "stand in one place" in refused("train", capture_folder, *options)
 
 

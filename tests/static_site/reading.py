@@ -34,7 +34,7 @@ READ = """
             mask: mask?.path ?? null,
             depth: depth && [depth.file.path, depth.unit, depth.confidence?.path ?? null, depth.size],
         })),
-        heldOut: [...heldOutOf(listing, settings.run.hold_out_every)].sort(),
+        heldOut: [...heldOutOf(listing, settings.run)].sort(),
         cloud: listing.cloud && [[...listing.cloud.positions], [...listing.cloud.colours]],
         background: listing.background,
         warnings: listing.warnings,

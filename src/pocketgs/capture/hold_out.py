@@ -7,20 +7,28 @@ from pocketgs.capture.listing import Listing
 HOLD_OUT_EVERY = 8
 """Every eighth frame by name is held out by default."""
 
+FEWEST_TO_HOLD_OUT = 4
+"""Of fewer frames none is held out, unless every second or third is asked for: they are too few to train on already."""
+
+
+NOTHING = "nothing held out"
+
 
 def choose_held_out(listing: Listing, every: int) -> tuple[frozenset[str], str]:
     """Choose the frames to hold out. Returns their names, and the protocol as text.
 
     Args:
         listing: the capture; its own split is used if it has one.
-        every: otherwise hold out frames 0, every, 2·every, … in order of name; 0 holds nothing out, and ignores the
-            data set's split too.
+        every: otherwise hold out frames 0, every, 2·every, … in order of name, unless there are few and fewer than
+            this; 0 holds nothing out, and ignores the data set's split too.
     """
     if every == 0:
-        return frozenset(), "nothing held out"
+        return frozenset(), NOTHING
     if listing.held_out is not None:
         return listing.held_out, "data set's own split"
     names = sorted(frame.name for frame in listing.frames)
+    if len(names) < min(FEWEST_TO_HOLD_OUT, every):
+        return frozenset(), NOTHING
     return frozenset(names[::every]), f"held out every {ordinal(every)} by name"
 
 

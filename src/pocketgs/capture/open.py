@@ -11,7 +11,7 @@ from typing import Protocol, get_args
 from pocketgs.capture import masks as masks_of
 from pocketgs.capture.capture import Capture
 from pocketgs.capture.formats import blender, colmap, llff, nerfstudio, polycam, record3d, scanner_app, stray_scanner
-from pocketgs.capture.hold_out import HOLD_OUT_EVERY, choose_held_out
+from pocketgs.capture.hold_out import FEWEST_TO_HOLD_OUT, HOLD_OUT_EVERY, choose_held_out
 from pocketgs.capture.listed import ListedCapture
 from pocketgs.capture.listing import Listing
 from pocketgs.capture.loading import LensHandling, Preparation
@@ -71,8 +71,8 @@ def open_capture(
             else black.
         lens: "undistort" undoes lens distortion and crops to what the lens saw; "direct" leaves images as they were
             photographed, and gives their cameras the lens; "ignore" treats them as pinhole images.
-        hold_out_every: hold out every n-th frame by name, unless the data set has its own split; 0 trains on all frames
-            in either case.
+        hold_out_every: hold out every n-th frame by name, unless the data set has its own split, or fewer than n and
+            fewer than four frames; 0 trains on all frames in any case.
         masks: folder with masks, inside the capture or elsewhere; "found" for those that the capture states or has in a
             folder `masks` or `mask`, "none" for none. Alpha is not a mask: see `background`.
 
@@ -115,8 +115,13 @@ def list_capture(
     folder = place if place.is_dir() else place.parent
     listing = masks_of.with_masks(listing, folder, masks)
     held_out_names, split = choose_held_out(listing, hold_out_every)
+    count = len(listing.frames)
     if all(frame.name in held_out_names for frame in listing.frames):
-        raise PocketGSError(f"{path}: all of its {len(listing.frames)} frames are held out, expected one to train on")
+        expected = "expected one to train on; --hold-out 0 trains on all"
+        raise PocketGSError(f"{path}: all of its {count} frames are held out, {expected}")
+    if count < FEWEST_TO_HOLD_OUT and hold_out_every and not held_out_names:
+        unmeasured = f"{path}: fewer than {FEWEST_TO_HOLD_OUT} frames: none is held out to measure quality on"
+        listing = replace(listing, warnings=(*listing.warnings, unmeasured))
     preparation = Preparation(
         background or listing.background,
         lens,

@@ -18,7 +18,7 @@ from pocketgs.capture.formats.transforms_file import (
     LENSES_OF_INSTANT_NGP,
     PERSPECTIVE_MODELS,
 )
-from pocketgs.capture.hold_out import HOLD_OUT_EVERY
+from pocketgs.capture.hold_out import FEWEST_TO_HOLD_OUT, HOLD_OUT_EVERY
 from pocketgs.capture.loading import ASPECT_TOLERANCE, PLANE_ASPECT_TOLERANCE
 from pocketgs.capture.masks import FOLDERS
 from pocketgs.capture.named_images import DEEPEST
@@ -87,6 +87,7 @@ def settings() -> dict[str, Any]:
             "gaussians": QUICK_GAUSSIANS,
             "evaluate_every": TrainingOptions().evaluate_every,
             "hold_out_every": HOLD_OUT_EVERY,
+            "fewest_to_hold_out": FEWEST_TO_HOLD_OUT,
             "min_points": MIN_POINTS,
             "seed": TrainingOptions().seed,
         },

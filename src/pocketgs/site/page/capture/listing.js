@@ -65,12 +65,16 @@ export function listingOf(format, frames, more = {}) {
  * Which frames are held out; the twin of `capture/hold_out.py`.
  *
  * @param {Listing} listing
- * @param {number} every n-th frame by name, if the capture has no split of its own
+ * @param {{hold_out_every: number, fewest_to_hold_out: number}} run the settings' `run`: every n-th frame by name, if the
+ *     capture has no split of its own, and of how many frames at least
  * @returns {Set<string>} their names
  */
-export function heldOutOf({ frames, heldOut }, every) {
+export function heldOutOf({ frames, heldOut }, { hold_out_every: every, fewest_to_hold_out: fewest }) {
     if (heldOut) {
         return heldOut;
+    }
+    if (frames.length < Math.min(fewest, every)) {
+        return new Set();
     }
     const names = frames.map(({ name }) => name).sort(byCodePoint);
     return new Set(names.filter((_, i) => i % every === 0));

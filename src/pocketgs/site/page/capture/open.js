@@ -72,14 +72,14 @@ export async function readListing(tree, bounds, onProgress = () => {}) {
  *
  * @param {Listing} listing
  * @param {number} most pixels of the longer side
- * @param {{capture: Object, run: {hold_out_every: number}}} settings
+ * @param {{capture: Object, run: Object}} settings
  * @param {(done: number, of: number) => void} onProgress
  * @returns {Promise<Capture>}
  * @throws {Error} one cannot be used, or none is left to train on
  */
 export async function loadCapture(listing, most, settings, onProgress) {
     const { frames, background, cloud, isMetric, warnings } = listing;
-    const heldOut = heldOutOf(listing, settings.run.hold_out_every);
+    const heldOut = heldOutOf(listing, settings.run);
     if (frames.every(({ name }) => heldOut.has(name))) {
         throw new Error(`all of the capture's ${frames.length} frames are held out, expected one to train on`);
     }
@@ -99,7 +99,10 @@ export async function loadCapture(listing, most, settings, onProgress) {
     const rest = used.filter(({ name }) => heldOut.has(name));
     const isWithout = ({ name, depth }, i) => depth && !loaded[i].depth && !heldOut.has(name);
     const isWithoutMask = ({ mask }, i) => mask && !loaded[i].mask;
+    const isUnmeasured = !heldOut.size && frames.length < settings.run.fewest_to_hold_out;
+    const unmeasured = `fewer than ${settings.run.fewest_to_hold_out} frames: none is held out to measure quality on`;
     const leftOut = [
+        ...(isUnmeasured ? [unmeasured] : []),
         ...maskedOutWarning(loaded, used),
         ...(await maskWarnings(frames.filter(isWithoutMask))),
         ...(await depthWarnings(frames.filter(isWithout))),
