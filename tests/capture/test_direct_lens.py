@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from pocketgs.capture import open_capture
+from pocketgs.capture import list_capture, open_capture
 from pocketgs.capture.colmap_export import export_capture
 from pocketgs.capture.pinhole_copy import frames_at, has_lenses, without_lenses
 from pocketgs.errors import PocketGSError
@@ -63,6 +63,18 @@ def test_copies_for_the_prior_are_those_of_undistorting(folder: Path) -> None:
     back = frames_at(direct.train, copy.train[1:])
     assert [frame.name for frame in back] == [frame.name for frame in direct.train[1:]]
     assert back[0].camera.lens == direct.train[0].camera.lens
+
+
+@pytest.mark.parametrize("shrink", [1, 2, 3])
+def test_outlines_know_the_copies_for_the_prior(folder: Path, shrink: int) -> None:
+    listed = list_capture(folder, lens="direct")
+    outline, copy = listed.outline(shrink), without_lenses(listed.load(shrink))
+    assert outline.copies is not None
+    for stated, frames in ((outline.copies.training, copy.train), (outline.copies.held_out, copy.held_out)):
+        sizes = [(frame.camera.width, frame.camera.height) for frame in frames]
+        assert np.abs(np.subtract(stated, sizes)).max() <= 2
+    assert (outline.lenses, outline.copies.lenses) == (0, 1)
+    assert list_capture(folder).outline().copies is None
 
 
 def test_there_are_three_ways_with_a_lens(folder: Path) -> None:

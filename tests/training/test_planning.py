@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
@@ -13,13 +15,15 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from PIL import Image
 
 from pocketgs.capture import ListedCapture, list_capture
 from pocketgs.capture.image_file import ImageHeader
 from pocketgs.capture.listing import FrameSource, Listing
-from pocketgs.capture.loading import Preparation
+from pocketgs.capture.loading import LensHandling, Preparation
 from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera
+from pocketgs.geometry.lens import Lens
 from pocketgs.prior.depth.cpu.stereo import CpuStereo
 from pocketgs.prior.depth.stereo import StereoExtent, StereoNeed, need_of
 from pocketgs.prior.depth.webgpu.stereo import WebGpuStereo
@@ -257,6 +261,56 @@ def test_outlines_know_what_undistortion_leaves(capture_folder: Path, k1: float)
         outline, capture = listed.outline(), listed.load()
         assert outline.training == tuple((frame.camera.width, frame.camera.height) for frame in capture.train)
     assert (list_capture(capture_folder).outline().pixels > 96 * 72) == (k1 < 0)
+
+
+def through_lenses(k1: float, lens: LensHandling, count: int = 20) -> ListedCapture:
+    """Photographs of a lens each."""
+    listed = photographs(1600, 1200, count, preparation=Preparation(lens=lens))
+    frames = [
+        replace(source, lens=Lens("opencv", (k1 + 1e-4 * index, 0.0, 0.0, 0.0)))
+        for index, source in enumerate(listed.listing.frames)
+    ]
+    return replace(listed, listing=replace(listed.listing, frames=frames))
+
+
+def test_copies_for_the_prior_take_memory_until_training() -> None:
+    machine = replace(MACHINE, memory_needed=lambda *_: MemoryNeed(1))
+    options = SizedOptions(max_memory=20_000, exposure="off", prior="sparse", max_gaussians=1000)
+    direct, as_they_are = (
+        make_plan(through_lenses(-0.2, lens), options, machine).rss_by_stage_mb for lens in ("direct", "ignore")
+    )
+    copies = through_lenses(-0.2, "direct").outline().copies
+    assert copies is not None
+    assert copies.image_bytes > 1.05 * 20 * 3 * 1600 * 1200
+    more = {stage: direct[stage] - as_they_are[stage] for stage in direct}
+    assert more["points"] == pytest.approx(1.1 * copies.image_bytes / 1e6, rel=0.01)
+    assert more["poses"] > 0.8 * more["points"]
+    assert more["capture"] == more["training"] == 0
+
+
+@pytest.mark.parametrize("lenses", [1, 3])
+def test_reading_through_lenses_takes_no_more_than_planned(tmp_path: Path, lenses: int) -> None:
+    """In a process of its own, since what is freed is not always given back."""
+    names = [f"{number}.jpg" for number in range(4)]
+    base = Image.fromarray(np.random.default_rng(0).integers(0, 256, (150, 200, 3), np.uint8))
+    frames = []
+    for number, name in enumerate(names):
+        base.resize((3000, 2250)).save(tmp_path / name)
+        pose = np.eye(4)
+        pose[0, 3] = number
+        k1 = -0.2 - 0.001 * (number % lenses)
+        frames.append({"file_path": name, "transform_matrix": pose.tolist(), "k1": k1})
+    document = {"w": 3000, "h": 2250, "fl_x": 2500.0, "camera_model": "OPENCV", "frames": frames}
+    (tmp_path / "transforms.json").write_text(json.dumps(document))
+    code = (
+        "import sys; from pathlib import Path; from pocketgs.capture import list_capture\n"
+        "from pocketgs.system.process import peak_rss_mb\n"
+        "listed = list_capture(Path(sys.argv[1]), max_size=300); planned = listed.outline().reading_bytes / 1e6\n"
+        "before = peak_rss_mb(); listed.load(readers=1); print(planned, peak_rss_mb() - before)"
+    )
+    found = subprocess.run([sys.executable, "-c", code, tmp_path], capture_output=True, text=True, check=True).stdout
+    planned, taken = map(float, found.split())
+    assert 0.4 * planned < taken < planned
 
 
 @given(st.integers(101, 3000), st.integers(1, 400))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -20,7 +20,7 @@ from pocketgs.capture.loading import (
     map_frames,
     refers_to_turned_pixels,
 )
-from pocketgs.capture.undistortion import inner_rectangle
+from pocketgs.capture.undistortion import MAP_PIXEL, MAX_KEPT, inner_rectangle
 from pocketgs.capture.video_file import VideoFrame
 from pocketgs.errors import PocketGSError
 from pocketgs.files.memory_bound import fits, require_memory, room_for
@@ -40,17 +40,24 @@ class Outline:
         training: sizes of the training photographs, as held in memory.
         held_out: sizes of the held-out photographs.
         stored_pixels: pixels of the largest photograph as stored.
+        undone_pixels: pixels of the largest photograph once its lens is undone, before it is made smaller; 0 where no
+            lens is.
+        lenses: number of lenses that are undone, of each size of photograph.
         pixel_bytes: bytes per pixel: colour and, where frames have them, alpha, mask and depth.
         has_alpha: whether a photograph has alpha.
         read_again: whether features may be found in photographs that are read again at a larger size.
+        copies: those of the undistorted copies that the geometry prior looks at, where photographs keep their lenses.
     """
 
     training: tuple[Size, ...]
     held_out: tuple[Size, ...]
     stored_pixels: int
+    undone_pixels: int = 0
+    lenses: int = 0
     pixel_bytes: int = 3
     has_alpha: bool = False
     read_again: bool = True
+    copies: Outline | None = None
 
     @property
     def largest(self) -> Size:
@@ -75,8 +82,9 @@ class Outline:
 
     @property
     def reading_bytes(self) -> int:
-        """Memory while the largest photograph is read."""
-        return (DECODING_ALPHA if self.has_alpha else DECODING) * self.stored_pixels
+        """Memory while the largest photograph is read, with the maps by which lenses are undone."""
+        undoing = self.pixel_bytes + MAP_PIXEL * min(self.lenses, MAX_KEPT)
+        return (DECODING_ALPHA if self.has_alpha else DECODING) * self.stored_pixels + undoing * self.undone_pixels
 
 
 @dataclass(frozen=True)
@@ -140,16 +148,30 @@ class ListedCapture:
         Raises:
             PocketGSError: a photograph is missing or not an image, or no pixel of it would be left.
         """
-        headers, preparation = self._headers, self._prepared(shrink)
+        preparation, frames = self._prepared(shrink), self.listing.frames
+        stored = {name: (header.width, header.height) for name, header in self._headers.items()}
+        undone = self._undistorted_sizes if preparation.lens != "ignore" else {}
+        before = stored | undone if preparation.lens == "undistort" else stored
+        held = {source.name: _held_size(source, before[source.name], preparation) for source in frames}
+        if preparation.lens == "direct" and undone:
+            copies = {name: _scaled(undone.get(name, stored[name]), stored[name], size) for name, size in held.items()}
+            return replace(self._outline(held, {}, shrink), copies=self._outline(copies, undone, shrink))
+        return self._outline(held, undone, shrink)
+
+    def _outline(self, held: Mapping[str, Size], undone: Mapping[str, Size], shrink: int) -> Outline:
+        """The outline of photographs of these sizes, by name, some of whose lenses are undone, to sizes by name."""
+        headers = self._headers
 
         def sizes(held_out: bool) -> tuple[Size, ...]:
-            chosen = (source for source in self.listing.frames if (source.name in self.held_out_names) == held_out)
-            return tuple(_held_size(source, self._cropped_sizes[source.name], preparation) for source in chosen)
+            names = (source.name for source in self.listing.frames)
+            return tuple(held[name] for name in names if (name in self.held_out_names) == held_out)
 
         return Outline(
             training=sizes(held_out=False),
             held_out=sizes(held_out=True),
             stored_pixels=max(header.width * header.height for header in headers.values()),
+            undone_pixels=max((width * height for width, height in undone.values()), default=0),
+            lenses=len({self._undoing_of(source) for source in self.listing.frames if source.name in undone}),
             pixel_bytes=max(_pixel_bytes(source, headers[source.name]) for source in self.listing.frames),
             has_alpha=any(header.has_alpha for header in headers.values()),
             read_again=_may_read_again(shrink),
@@ -217,23 +239,27 @@ class ListedCapture:
         width, height = outline.largest
         count = len(self.listing.frames)
         require_memory(self.path, outline.image_bytes, f"{count} photographs of up to {width}x{height} pixels")
-        return room_for(outline.reading_bytes, MAX_READERS, held=outline.image_bytes)
+        reading = max(each.reading_bytes for each in (outline, outline.copies) if each)
+        return room_for(reading, MAX_READERS, held=outline.image_bytes)
 
     @cached_property
-    def _cropped_sizes(self) -> dict[str, Size]:
-        """Sizes after undistortion by frame name. Most frames share a lens."""
+    def _undistorted_sizes(self) -> dict[str, Size]:
+        """Sizes after undistortion by name, of the frames that have a lens. Most share it."""
         of_lens: dict[tuple, Size] = {}
         sizes = {}
         for source in self.listing.frames:
-            header, camera = self._headers[source.name], source.camera
-            size = (header.width, header.height)
-            if self.preparation.lens == "undistort" and source.lens.distorts:
-                key = (source.lens, size, camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy)
+            if source.lens.distorts:
+                key = self._undoing_of(source)
                 if key not in of_lens:
-                    of_lens[key] = _undistorted_size(source, header)
-                size = of_lens[key]
-            sizes[source.name] = size
+                    of_lens[key] = _undistorted_size(source, self._headers[source.name])
+                sizes[source.name] = of_lens[key]
         return sizes
+
+    def _undoing_of(self, source: FrameSource) -> tuple:
+        """What the undistortion of a frame depends on."""
+        header, camera = self._headers[source.name], source.camera
+        stated = (camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy)
+        return (source.lens, header.width, header.height, *stated)
 
     @property
     def _of_pinholes(self) -> Preparation:
@@ -308,6 +334,12 @@ def _held_size(source: FrameSource, size: Size, preparation: Preparation) -> Siz
         return size_after(width, height, preparation.downscale, preparation.max_size)
     except PocketGSError as error:
         raise PocketGSError(f"{source.image}: {error}") from error
+
+
+def _scaled(size: Size, stored: Size, held: Size) -> Size:
+    """A size for photographs as stored, of at least one pixel, where these are held at another size."""
+    width, height = (-(-side * now // before) for side, before, now in zip(size, stored, held, strict=True))
+    return width, height
 
 
 def _pixel_bytes(source: FrameSource, header: ImageHeader) -> int:

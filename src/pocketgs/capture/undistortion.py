@@ -16,6 +16,12 @@ from pocketgs.geometry.lens import PINHOLE, Lens, undistort
 # Number of samples along each side of an image's border.
 BORDER_SAMPLES = 129
 
+MAX_KEPT = 4
+"""Lenses whose maps are kept: most captures have one, and rigs a few."""
+
+MAP_PIXEL = 8
+"""Bytes of the maps per pixel of the result."""
+
 # OpenCV's remap cannot address larger images.
 MAX_REMAPPED_SIDE = 32_766
 
@@ -65,8 +71,7 @@ def forget_undistortions() -> None:
     _undistortion.cache_clear()
 
 
-# Most captures have one lens; a few entries also suffice for rigs, and the maps of a large image take many megabytes.
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=MAX_KEPT)
 def _undistortion(width: int, height: int, fx: float, fy: float, cx: float, cy: float, lens: Lens) -> Undistortion:
     camera = Camera(width, height, fx, fy, cx, cy, np.eye(4))
     left, top, right, bottom = inner_rectangle(camera, lens)

@@ -65,8 +65,10 @@ def readers_that_fit(work: Work, resident: int, compiles: bool, cores: int) -> i
         compiles: whether kernels must still be compiled.
         cores: that decode photographs.
     """
-    each = max(work.outline.reading_bytes, _detecting(work.outline) if work.has_prior else 0)
-    room = work.options.max_memory * MB - _with_photographs(work.outline, resident, compiles) - _matching(work)
+    seen = work.seen_by_prior
+    each = max(work.outline.reading_bytes, seen.reading_bytes, _detecting(seen) if work.has_prior else 0)
+    held = _with_photographs(work.outline, resident, compiles) + _copies(work)
+    room = work.options.max_memory * MB - held - _matching(work)
     return max(1, min(cores, MAX_READERS, room // each))
 
 
@@ -83,22 +85,27 @@ def stage_bytes(
         compiles: whether kernels must still be compiled.
         readers: number of photographs that are read at the same time.
     """
-    outline = work.outline
-    held = _with_photographs(outline, resident, compiles)
-    stages = {"capture": held + readers * outline.reading_bytes}
+    outline, seen = work.outline, work.seen_by_prior
+    photographs = _with_photographs(outline, resident, compiles)
+    stages = {"capture": photographs + readers * outline.reading_bytes}
+    held = photographs + _copies(work)
     if work.has_prior:
-        again = readers * max(outline.reading_bytes, _detecting(outline)) if outline.read_again else 0
-        in_memory = min(work.threads, MAX_AT_ONCE) * min(SIFT_PIXEL * outline.pixels, _detecting(outline))
-        stages["poses"] = held + max(_matching(work) + max(again, in_memory), _after_poses(work))
-        held += _after_poses(work)
+        again = readers * max(seen.reading_bytes, _detecting(seen)) if seen.read_again else 0
+        in_memory = min(work.threads, MAX_AT_ONCE) * min(SIFT_PIXEL * seen.pixels, _detecting(seen))
+        stages["poses"] = held + max(_matching(work) + max(again, in_memory), _after_poses(work, seen))
+        held += _after_poses(work, seen)
     if work.has_depth:
-        copies = _sweep_copies(work)
+        reduced = _sweep_copies(work)
         maps = work.keyframes * MAP_PIXEL * work.sweep_pixels
-        stages["depth"] = held + copies + maps + stereo.sweeping.process + KERNELS
-        stages["fusion"] = held + copies + maps + CANDIDATE * work.candidates + stereo.comparing.process + KERNELS // 2
+        stages["depth"] = held + reduced + maps + stereo.sweeping.process + KERNELS
+        stages["fusion"] = held + reduced + maps + CANDIDATE * work.candidates + stereo.comparing.process + KERNELS // 2
     else:
         rays = int(work.gaussians / KEPT) // len(outline.training) + 1
         stages["points"] = held + rays * DEPTHS * RAY_DEPTH
+    if outline.copies:
+        last = "fusion" if work.has_depth else "points"
+        stages[last] = max(stages[last], held + _compensated(work, outline))
+    held = photographs + (_after_poses(work, outline) if work.has_prior else 0)
     seeds = work.gaussians * _bytes_outside_engine(work.columns)
     stages["training"] = held + KERNELS + seeds + engine.process + COMPARED_PIXEL * outline.pixels
     return stages
@@ -116,10 +123,19 @@ def _matching(work: Work) -> int:
     return _adjustment(work) + MATCHING + MATCHED_FEATURE * _features(work.outline)
 
 
-def _after_poses(work: Work) -> int:
-    """Bytes that remain of refining poses and compensating exposure."""
-    compensated = int(OBJECTS * work.outline.image_bytes) if work.options.exposure != "off" else 0
-    return _adjustment(work) + compensated + SPARSE + SPARSE_FEATURE * _features(work.outline)
+def _after_poses(work: Work, photographs: Outline) -> int:
+    """Bytes that remain of refining poses and compensating the exposure of photographs."""
+    return _adjustment(work) + _compensated(work, photographs) + SPARSE + SPARSE_FEATURE * _features(photographs)
+
+
+def _compensated(work: Work, photographs: Outline) -> int:
+    """Bytes of photographs of compensated exposure."""
+    return int(OBJECTS * photographs.image_bytes) if work.options.exposure != "off" else 0
+
+
+def _copies(work: Work) -> int:
+    """Bytes of the undistorted copies that the prior looks at; training looks at the photographs themselves."""
+    return int(OBJECTS * work.outline.copies.image_bytes) if work.outline.copies else 0
 
 
 def _adjustment(work: Work) -> int:
@@ -142,9 +158,10 @@ def _detecting(outline: Outline) -> int:
 
 def _sweep_copies(work: Work) -> int:
     """Bytes of the reduced copies of photographs that are larger than a sweep uses."""
-    if work.outline.pixels <= work.sweep_pixels:
+    seen = work.seen_by_prior
+    if seen.pixels <= work.sweep_pixels:
         return 0
-    return int(OBJECTS * work.outline.pixel_bytes * work.sweep_pixels * len(work.outline.training))
+    return int(OBJECTS * seen.pixel_bytes * work.sweep_pixels * len(seen.training))
 
 
 def _bytes_outside_engine(columns: int) -> int:

@@ -29,6 +29,11 @@ class Work:
     threads: int
 
     @property
+    def seen_by_prior(self) -> Outline:
+        """The photographs that the geometry prior looks at: undistorted copies where photographs keep their lenses."""
+        return self.outline.copies or self.outline
+
+    @property
     def gaussians(self) -> int:
         """Maximum number of Gaussians."""
         return self.options.max_gaussians
@@ -62,13 +67,13 @@ class Work:
     @property
     def sweep_pixels(self) -> int:
         """Pixels of a swept photograph."""
-        return min(self.outline.pixels, sweep_pixels(self.keyframes))
+        return min(self.seen_by_prior.pixels, sweep_pixels(self.keyframes))
 
     @property
     def stereo_extent(self) -> StereoExtent:
         """What depth maps will ask for."""
         settings = SweepSettings(source_views=self.options.source_views)
-        return stereo_extent(self.outline.training, self.keyframes, settings)
+        return stereo_extent(self.seen_by_prior.training, self.keyframes, settings)
 
     @property
     def candidates(self) -> int:
