@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import struct
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from pocketgs.capture import open_capture
 from pocketgs.capture.formats import colmap_binary, colmap_text
 from pocketgs.capture.open import read_listing
 from pocketgs.errors import PocketGSError
+from pocketgs.files.memory_bound import memory_bound
 
 ENCODINGS = {"binary": (colmap_binary, "bin"), "text": (colmap_text, "txt")}
 READERS = {"cameras": "read_cameras", "images": "read_images", "points3D": "read_points"}
@@ -33,6 +35,27 @@ def test_reads_both_encodings_in_every_place(ring, colmap_files, tmp_path, asser
     assert_same_cameras([frame.camera for frame in frames], ring.cameras)
     np.testing.assert_allclose(capture.points.positions, ring.positions, rtol=1e-6)
     np.testing.assert_allclose(capture.points.colours, ring.colours / 255, rtol=1e-6)
+
+
+def test_clouds_keep_to_the_memory_bound(tmp_path: Path) -> None:
+    count = 200_000
+    layout = [("id", "<u8"), ("position", "<f8", 3), ("colour", "u1", 3), ("error", "<f8"), ("length", "<u8")]
+    records = np.zeros(count, layout)
+    records["position"] = np.random.default_rng(0).random((count, 3))
+    records["colour"] = np.arange(count)[:, None] % 256
+    (tmp_path / "points3D.bin").write_bytes(struct.pack("<Q", count) + records.tobytes())
+    tracemalloc.start()
+    try:
+        cloud = colmap_binary.read_points(tmp_path / "points3D.bin")
+        taken = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    np.testing.assert_array_equal(cloud.positions, records["position"])
+    np.testing.assert_array_equal(cloud.colours, (records["colour"] / 255).astype(np.float32))
+    needed = records.nbytes + colmap_binary.POINT_BYTES * count
+    assert taken < needed
+    with memory_bound(needed // 1_000_000), pytest.raises(PocketGSError, match="a cloud of 200,000 points would take"):
+        colmap_binary.read_points(tmp_path / "points3D.bin")
 
 
 def test_names_may_hold_folders_and_spaces(ring, colmap_files, tmp_path):

@@ -8,8 +8,15 @@ import numpy as np
 
 from pocketgs.capture.poses import MAX_COORDINATE
 from pocketgs.errors import PocketGSError
+from pocketgs.files.memory_bound import require_memory
 from pocketgs.files.ply_file import read_vertices
 from pocketgs.scene.point_cloud import PointCloud
+
+MOST_POINTS = 3_000_000
+"""Of larger clouds, such as scans, every n-th point is read, so that these are no more: later stages look at fewer."""
+
+POINT_BYTES = 120
+"""Memory per point while a cloud is read."""
 
 UNKNOWN_COLOUR = 0.5
 LARGEST_FRACTION = 2.0
@@ -19,13 +26,18 @@ LARGEST_FRACTION = 2.0
 def read_cloud(path: Path) -> PointCloud | None:
     """Read the vertices of a .ply file with fields x, y, z and optionally red, green, blue; None if there are none.
 
+    At most `MOST_POINTS` are read.
+
     Bytes of colours are 0 to 255, larger integers up to their type's maximum, floats 0 to 1; values that are all below
     256 are 0 to 255 in any type. Without colours, points are grey.
 
     Raises:
-        PocketGSError: the file cannot be read, has no such vertices, or a coordinate is not finite or too large.
+        PocketGSError: the file cannot be read, has no such vertices, exceeds the memory bound, or a coordinate is not
+            finite or too large.
     """
     vertices = read_vertices(path)
+    vertices = vertices[:: -(-len(vertices) // MOST_POINTS) or 1]
+    require_memory(path, POINT_BYTES * len(vertices), f"a cloud of {len(vertices):,} points")
     try:
         positions = np.stack([vertices[axis] for axis in "xyz"], axis=1).astype(np.float64)
     except (ValueError, TypeError) as error:

@@ -10,9 +10,13 @@ import numpy as np
 from plyfile import PlyData
 
 from pocketgs.errors import PocketGSError, clipped
+from pocketgs.files.memory_bound import require_memory
 from pocketgs.files.opening import checked
 
 MAX_HEADER_BYTES = 1 << 20
+LIST_BYTES = 20
+"""Memory per byte of a file with lists, such as a mesh's triangles: each becomes an object."""
+
 AS_ASCII = bytes(range(128)) + b"?" * 128
 """Table that replaces bytes beyond ASCII."""
 
@@ -33,12 +37,15 @@ def read_elements(path: Path) -> dict[str, np.ndarray]:
     """Elements of a .ply file by name, each an (N,) structured array; list properties become objects.
 
     Raises:
-        PocketGSError: the file is missing or broken.
+        PocketGSError: the file is missing or broken, or its lists exceed the memory bound. What has none is mapped to
+            memory, or text, which takes no more than the file.
     """
     try:
         if not checked(path).is_file():
             raise PocketGSError(f"{path}: no such file, expected a .ply")
         header = _checked_header(path)
+        if b"property list" in header:
+            require_memory(path, LIST_BYTES * path.stat().st_size, "its lists")
         if header.isascii():
             return {element.name: element.data for element in PlyData.read(str(path)).elements}
         with _PlainHeader(path, len(header)) as stream:

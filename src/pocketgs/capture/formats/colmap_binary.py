@@ -17,6 +17,7 @@ from pocketgs.capture.formats.colmap_model import (
     unknown_model,
 )
 from pocketgs.errors import PocketGSError
+from pocketgs.files.memory_bound import require_memory
 from pocketgs.files.opening import read_bytes
 from pocketgs.scene.point_cloud import PointCloud
 
@@ -25,6 +26,10 @@ IMAGE_HEADER = struct.Struct("<I7dI")
 COUNT = struct.Struct("<Q")
 POINT_2D_BYTES = 24
 TRACK_ELEMENT_BYTES = 8
+POINT_BYTES = 80
+"""Memory per point of a cloud, while it is read and checked, besides the file's bytes."""
+
+POINTS_AT_ONCE = 1 << 14
 # A point: id (8), position (24), colour (3), error (8), then the length of its track.
 POSITION_OFFSET, COLOUR_OFFSET, TRACK_OFFSET = 8, 32, 43
 
@@ -120,10 +125,11 @@ def read_points(path: Path) -> PointCloud:
     """Read the cloud of a points3D.bin.
 
     Raises:
-        PocketGSError: the file is truncated.
+        PocketGSError: the file is truncated, or exceeds the memory bound.
     """
     cursor = _Cursor(path)
     count = cursor.count(TRACK_OFFSET + COUNT.size)
+    require_memory(path, len(cursor.data) + POINT_BYTES * count, f"a cloud of {count:,} points")
     # Tracks make the records differ in length, so finding their starts needs a loop.
     starts = np.empty(count, dtype=np.int64)
     data, offset, smallest = cursor.data, cursor.offset, TRACK_OFFSET + COUNT.size
@@ -138,6 +144,10 @@ def read_points(path: Path) -> PointCloud:
     if offset > len(data):
         raise cursor.truncated()
     raw = np.frombuffer(data, dtype=np.uint8)
-    positions = raw[starts[:, None] + np.arange(POSITION_OFFSET, COLOUR_OFFSET)].view("<f8")
-    colours = raw[starts[:, None] + np.arange(COLOUR_OFFSET, COLOUR_OFFSET + 3)]
-    return PointCloud(positions.reshape(-1, 3), colours / 255.0)
+    positions, colours = np.empty((count, 3)), np.empty((count, 3), np.float32)
+    for first in range(0, count, POINTS_AT_ONCE):  # the places of all bytes at once would take four times the file
+        some = slice(first, first + POINTS_AT_ONCE)
+        places = starts[some, None]
+        positions[some] = raw[places + np.arange(POSITION_OFFSET, COLOUR_OFFSET)].view("<f8")
+        colours[some] = raw[places + np.arange(COLOUR_OFFSET, COLOUR_OFFSET + 3)] / 255.0
+    return PointCloud(positions, colours)
