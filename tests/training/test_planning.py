@@ -263,6 +263,17 @@ def test_outlines_know_what_undistortion_leaves(capture_folder: Path, k1: float)
     assert (list_capture(capture_folder).outline().pixels > 96 * 72) == (k1 < 0)
 
 
+def test_photographs_of_compensated_exposure_are_planned_for() -> None:
+    listed, stages = photographs(), {}
+    for exposure in ("auto", "off"):
+        options = SizedOptions(max_memory=20_000, exposure=exposure, prior="sparse")
+        stages[exposure] = make_plan(listed, options, MACHINE).rss_by_stage_mb
+    compensated = 1.1 * listed.outline().image_bytes / 1e6
+    for stage in ("points", "training"):
+        assert stages["auto"][stage] - stages["off"][stage] == pytest.approx(compensated, abs=1.0)
+    assert stages["auto"]["capture"] == stages["off"]["capture"]
+
+
 def through_lenses(k1: float, lens: LensHandling, count: int = 20) -> ListedCapture:
     """Photographs of a lens each."""
     listed = photographs(1600, 1200, count, preparation=Preparation(lens=lens))

@@ -91,6 +91,18 @@ def test_nothing_is_added_where_all_is_known() -> None:
     assert (found.known, found.covered, found.guessed, len(found.added)) == (1.0, 1.0, 0, 0)
 
 
+@pytest.mark.parametrize(("hidden", "is_used"), [(1, True), (2, False)])
+def test_points_are_used_where_most_views_that_show_them_are_bare(hidden: int, is_used: bool) -> None:
+    """Of three views that show a hole, so many see something in front of it."""
+    x, y = np.meshgrid(np.linspace(-0.4, 0.4, 60), np.linspace(-0.4, 0.4, 60))
+    screens = [np.column_stack([x.ravel() + side, y.ravel(), np.full(x.size, -2.0)]) for side in (0.75, -0.75)[:hidden]]
+    screen = PointCloud(np.concatenate(screens), np.zeros((hidden * x.size, 3)))
+    cloud = joined([replace(with_hole(wall()), directions=None), screen])
+    middle = wall(400).select(np.abs(wall(400).positions[:, :2]).max(axis=1) < 0.1)
+    found = completion(cloud, [frame(1.5), frame(-1.5), frame()], [middle], DISTANCE, 100_000)
+    assert len(found.added) - found.guessed == (len(middle) if is_used else 0)
+
+
 def test_other_sources_fill_only_what_is_bare() -> None:
     """From a source that covers the whole wall, the points in the hole; from the next, what is still missing."""
     cloud = with_hole(wall())

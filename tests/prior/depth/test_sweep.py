@@ -222,6 +222,15 @@ def test_references_are_those_of_the_best_baselines() -> None:
     assert choose_source_views(keyframe, [keyframe], AHEAD, settings) == []
 
 
+def test_references_look_from_the_side_rather_than_along_the_axis() -> None:
+    """A step ahead of the best baseline turns rays less than a step aside of a baseline that is a fifth too long."""
+    keyframe = frame_at("key", 0, 0, 0)
+    along, aside = frame_at("along", 0.1, 0, 0.69), frame_at("aside", 0.85, 0, 0)
+    settings = SweepSettings(source_views=1, angle=np.radians(8), least_angle=np.radians(4))
+    assert choose_source_views(keyframe, [along, aside], AHEAD, settings) == [aside]
+    assert choose_source_views(keyframe, [along, aside], AHEAD, replace(settings, least_angle=0.001)) == [along]
+
+
 def test_references_together_see_all_of_the_view() -> None:
     """One source view shows the left half correctly and one the right; all others repeat the left one."""
     keyframe = frame_at("key", 0, 0, 0)
