@@ -44,7 +44,10 @@ OF_THE_RECIPE = ("iterations", "max_gaussians", "prior", "seeds", "strategy")
 """Options that a recipe may set. The user's values take precedence over it, and it takes precedence over the effort."""
 
 MAX_EPOCHS = 40
-"""Maximum number of times that each photograph is trained on: with few photographs, more would overfit."""
+"""Maximum number of times that each photograph is trained on: with few photographs, more would overfit.
+
+Fewer than 13 photographs are each trained on more often, since `MIN_ITERATIONS` takes precedence.
+"""
 
 
 def sized(options: TrainingOptions, views: Sequence[tuple[int, int]]) -> SizedOptions:
