@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import ExifTags, Image
 
 from mistakes import write_mistake
 from pocketgs.capture import open_capture
@@ -115,12 +115,29 @@ def test_what_is_no_input(photographs: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("length", [0, 20, 1000])
-def test_photograph_cut_off(photographs: Path, tmp_path: Path, length: int) -> None:
-    photograph = photographs / "2.jpg"
+@pytest.mark.parametrize("orientation", [1, 6])
+def test_photographs_cut_off(
+    photographs: Path, tmp_path: Path, colmap_outcome: dict[str, Any], length: int, orientation: int
+) -> None:
+    """They are left out with a warning, also those that are turned while they are copied."""
+    exif, photograph = Image.Exif(), photographs / "2.jpg"
+    exif[ExifTags.Base.Orientation] = orientation
+    Image.open(photograph).save(photograph, exif=exif)
     photograph.write_bytes(photograph.read_bytes()[:length])
-    with pytest.raises(PocketGSError, match=r"2\.jpg: cannot be decoded"):
+    colmap_outcome["placed"] = ["0.jpg", "1.jpg", "3.jpg"]
+    warnings: list[str] = []
+    found = pose(photographs, tmp_path / "output", on_warning=warnings.append)
+    assert (found.frames, found.registered) == (3, 3)
+    assert warnings == [
+        f"{photographs}: 1 photograph cannot be decoded: 2.jpg. Copy them from the camera again; they are left out"
+    ]
+    assert json.loads((tmp_path / "output/posed.json").read_text())["damaged"] == ["2.jpg"]
+    (photographs / "3.jpg").write_bytes(b"")
+    with pytest.raises(
+        PocketGSError, match=r"2 photographs cannot be decoded: 2\.jpg, 3\.jpg.*: at least 3 whole ones"
+    ):
         pose(photographs, tmp_path / "new" / "output")
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["photographs"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["output", "photographs"]
 
 
 @pytest.mark.parametrize(

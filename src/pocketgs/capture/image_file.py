@@ -42,6 +42,10 @@ OPAQUE = 255
 UPRIGHT, QUARTER_TURNS = 1, (5, 6, 7, 8)  # values of EXIF's tag Orientation
 
 
+class UndecodableImageError(PocketGSError):
+    """A file is not an image, or a damaged one, such as one whose transfer was interrupted."""
+
+
 @dataclass(frozen=True)
 class ImageHeader:
     """The header of an image file.
@@ -184,7 +188,9 @@ def _opened(path: CaptureFile, read: Callable[[Image.Image], Result]) -> Result:
     except Image.DecompressionBombError as error:
         raise PocketGSError(f"{path}: has more than {MOST_PIXELS:,} pixels; reduce it to at most as many") from error
     except Exception as error:  # Pillow's decoders raise different types for different damage
-        raise PocketGSError(f"{path}: cannot be decoded ({clipped(error)}), expected a whole image file") from error
+        raise UndecodableImageError(
+            f"{path}: cannot be decoded ({clipped(error)}), expected a whole image file"
+        ) from error
 
 
 @cache

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from contextlib import suppress
 from pathlib import Path
 
 from PIL import Image
 
+from pocketgs.capture.image_file import ImageHeader, UndecodableImageError, read_header
 from pocketgs.capture.masks import FOUND, NONE, find_masks
 from pocketgs.capture.photograph_copy import names_of_copies, place_masks, place_photograph
 from pocketgs.capture.unposed import find_photographs, is_video
@@ -42,6 +44,15 @@ def source_files(source: Path) -> list[Path]:
     return photographs
 
 
+def headers_of(photographs: Iterable[Path]) -> dict[Path, ImageHeader]:
+    """The headers of photographs, without those that have none because they are damaged."""
+    headers = {}
+    for photograph in photographs:
+        with suppress(UndecodableImageError):
+            headers[photograph] = read_header(photograph)
+    return headers
+
+
 def source_masks(source: Path, masks: str) -> dict[Path, Path]:
     """The masks of photographs, by photograph; see `find_masks`.
 
@@ -63,7 +74,7 @@ def gather(
     threads: int,
     on_count: Count,
     on_warning: Callable[[str], None] = lambda warning: None,
-) -> None:
+) -> list[str]:
     """Copy a video's sharpest frames, or the photographs, to a new folder; the originals are not changed.
 
     Photographs are stored upright, see `place_photograph`; their masks go to `MASKS` beside the new folder.
@@ -76,20 +87,36 @@ def gather(
         on_count: called with the number of images done.
         on_warning: called if masks that nobody named cannot be decoded.
 
+    Returns:
+        Names of the photographs that are left out because they cannot be decoded. Those that are copied without being
+        decoded may be damaged too.
+
     Raises:
-        PocketGSError: a photograph or a mask that was named cannot be decoded, or there are too few images.
+        PocketGSError: a mask that was named cannot be decoded, or there are too few images.
     """
     files = source_files(source)
     folder.mkdir()
     if is_video(source):
         _extract(source, folder, options.most_frames, on_count)
-        return
-    names = names_of_copies(files)
-    each(files, lambda path: place_photograph(path, folder / names[path]), threads, on_count)
-    masks, unreadable = source_masks(source, options.masks), list[PocketGSError]()
+        return []
+    names = names_of_copies(list(headers_of(files)))
+    whole = each(list(names), lambda path: _is_placed(path, folder / names[path]), threads, on_count)
+    placed = {path for path, is_whole in zip(names, whole, strict=True) if is_whole}
+    of_all = source_masks(source, options.masks)
+    masks, unreadable = {path: mask for path, mask in of_all.items() if path in placed}, list[PocketGSError]()
     place_masks(masks, names, folder.parent / MASKS, unreadable.append if options.masks == FOUND else None)
     if unreadable:
         on_warning(f"{len(unreadable)} of {len(masks)} masks cannot be used, the first is left out: {unreadable[0]}")
+    return [path.name for path in files if path not in placed]
+
+
+def _is_placed(photograph: Path, target: Path) -> bool:
+    """Copy a photograph, and tell whether it could be decoded where that takes decoding."""
+    try:
+        place_photograph(photograph, target)
+    except UndecodableImageError:
+        return False
+    return True
 
 
 def _extract(video: Path, folder: Path, most_frames: int, on_count: Count) -> None:

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from PIL import Image
 
-from pocketgs.capture.image_file import colour_and_alpha, read_image
+from pocketgs.capture.image_file import UndecodableImageError, colour_and_alpha, read_image
 from pocketgs.capture.mask_file import read_mask
 from pocketgs.structure_from_motion.exif import Exif, read_exif
 from pocketgs.structure_from_motion.features import find_features
@@ -51,7 +51,7 @@ class Photograph:
 def read_photographs(
     images: Path, masks: Path, workspace: Path, max_size: int, threads: int, on_count: Count
 ) -> list[Photograph]:
-    """Compute the features of a folder's images.
+    """Compute the features of a folder's images, without those that cannot be decoded.
 
     Args:
         images: the folder.
@@ -62,13 +62,16 @@ def read_photographs(
         on_count: called with the number of images done.
 
     Raises:
-        PocketGSError: an image cannot be decoded.
+        PocketGSError: a mask cannot be decoded.
     """
     paths = sorted(images.iterdir())
     most = FEATURES_OF_FEW if len(paths) <= MAX_FOR_ALL_PAIRS else FEATURES_OF_MANY
 
-    def read(path: Path) -> Photograph:
-        size, image, opaque, exif = read_image(path, lambda opened: _reduced(opened, max_size))
+    def read(path: Path) -> Photograph | None:
+        try:
+            size, image, opaque, exif = read_image(path, lambda opened: _reduced(opened, max_size))
+        except UndecodableImageError:
+            return None
         features = find_features(image, most)
         mask = masks / f"{path.name}.png"
         for usable in (opaque, read_mask(mask) if mask.is_file() else None):
@@ -86,7 +89,7 @@ def read_photographs(
     before = cv2.getNumThreads()
     cv2.setNumThreads(1)
     try:
-        return each(paths, read, threads, on_count)
+        return list(filter(None, each(paths, read, threads, on_count)))
     finally:
         cv2.setNumThreads(before)
 

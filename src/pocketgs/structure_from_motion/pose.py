@@ -9,15 +9,14 @@ from pathlib import Path
 from typing import Any
 
 from pocketgs.capture.formats.colmap import POSED_RECORD
-from pocketgs.capture.image_file import read_header
 from pocketgs.capture.open import read_listing, video_of
 from pocketgs.capture.unposed import is_video
 from pocketgs.capture.unrecognised import unread_pictures
-from pocketgs.errors import PocketGSError, listed
+from pocketgs.errors import PocketGSError, counted, listed
 from pocketgs.files.atomic_folder import replacing_folder
 from pocketgs.structure_from_motion.attempts import place_all
 from pocketgs.structure_from_motion.folder import IMAGES, MASKS, MODEL, check_replaceable, read_record
-from pocketgs.structure_from_motion.images import gather, source_files, source_masks
+from pocketgs.structure_from_motion.images import FEWEST, gather, headers_of, source_files, source_masks
 from pocketgs.structure_from_motion.options import PoseOptions
 from pocketgs.structure_from_motion.photographs import read_photographs
 from pocketgs.structure_from_motion.process import check_installed, threads_that_fit
@@ -95,11 +94,17 @@ def pose(
         with replacing_folder(output) as (staging, workspace):
             threads = _threads(source, options)
             on_stage("frames")
-            gather(source, staging / IMAGES, options, threads, on_count, on_warning)
+            damaged = gather(source, staging / IMAGES, options, threads, on_count, on_warning)
             on_stage("features")
             photographs = read_photographs(
                 staging / IMAGES, staging / MASKS, workspace, options.max_size, threads, on_count
             )
+            gathered = {path.name for path in (staging / IMAGES).iterdir()}
+            damaged = sorted({*damaged, *gathered.difference(photograph.name for photograph in photographs)})
+            if len(photographs) < FEWEST:
+                raise PocketGSError(f"{source}: {_undecodable(damaged)}: at least {FEWEST} whole ones are needed")
+            if damaged:
+                on_warning(f"{source}: {_undecodable(damaged)}; they are left out")
             model = staging / MODEL / "0"
             model.mkdir(parents=True)
             outcome = place_all(photographs, is_video(source), model, workspace, options, on_stage, on_count)
@@ -110,7 +115,8 @@ def pose(
                 why = ", from a camera that stands still" if outcome["stands_still"] else ""
                 raise PocketGSError(f"{source}: no poses found for {len(photographs)} images{why} ({found}): {ADVICE}")
             read_listing(staging)  # COLMAP may not report that the disk is full
-            record = {**made_from, **outcome, "frames": len(photographs), "unplaced": unplaced, "features": features}
+            counts = {"frames": len(photographs), "damaged": damaged, "unplaced": unplaced, "features": features}
+            record = {**made_from, **outcome, **counts}
             (staging / POSED_RECORD).write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
     except OSError as error:
         raise PocketGSError(f"{output.resolve()}: cannot be written ({error.strerror or error})") from error
@@ -174,8 +180,15 @@ def _threads(source: Path, options: PoseOptions) -> int:
     """Number of images that may be decoded and searched for features at the same time."""
     if is_video(source):
         return threads_that_fit(options.max_size**2)
-    sizes = ((header.width, header.height) for header in map(read_header, source_files(source)))
-    return threads_that_fit(int(max(w * h * min(1.0, options.max_size / max(w, h)) ** 2 for w, h in sizes)))
+    sizes = ((header.width, header.height) for header in headers_of(source_files(source)).values())
+    pixels = (width * height * min(1.0, options.max_size / max(width, height)) ** 2 for width, height in sizes)
+    return threads_that_fit(int(max(pixels, default=0)))
+
+
+def _undecodable(damaged: list[str]) -> str:
+    """What to say of photographs that cannot be decoded."""
+    count = counted(len(damaged), "photograph", "photographs")
+    return f"{count} cannot be decoded: {listed(damaged, MAX_NAMES)}. Copy them from the camera again"
 
 
 def _lacking(unplaced: list[str], frames: int, other_models: list[int]) -> str:
