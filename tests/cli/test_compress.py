@@ -114,7 +114,8 @@ def test_another_size_of_photographs_is_noticed(
     options = ["--downscale", 2, "--size", 0.02, "--time-budget", 1]
     outcome = pocketgs("compress", result, written_capture, "--output", tmp_path / "out.pgs", *options)
     assert outcome.status == 0, outcome.errors
-    assert "the scene was trained on photographs 96 pixels wide, found 48" in outcome.output
+    assert "warning: " in outcome.errors
+    assert "its run is '96x72, held out every 8th by name', here it is 'downscaled to 48x36, held out" in outcome.errors
 
 
 def test_training_and_compressing(pocketgs: Callable[..., Any], written_capture: Path, tmp_path: Path) -> None:

@@ -122,7 +122,7 @@ def test_eval_refuses_views_that_were_trained_on(
     assert outcome.status == 2
     assert "was trained on 2 of the 3 views that are held out, the first images/0003.png" in outcome.errors
     assert "its run is '96x72, held out every 8th by name', here it is '96x72, held out every 3rd" in outcome.errors
-    assert "give the options that it was trained with, such as --hold-out" in outcome.errors
+    assert "give the options that it was trained with, such as --images, --downscale or --hold-out" in outcome.errors
     assert not (tmp_path / "a.json").exists()
     command = ["train", written_capture, "--output", tmp_path / "all", "--hold-out", 0, "--iterations", 1, *PLAIN]
     assert pocketgs(*command).status == 0
@@ -130,6 +130,33 @@ def test_eval_refuses_views_that_were_trained_on(
     # Of a scene without its run nothing is known.
     moved = shutil.copy(result / "scene.ply", tmp_path / "scene.ply")
     assert pocketgs("eval", moved, *given[2:]).status == 0
+
+
+def test_eval_knows_photographs_by_their_poses(
+    pocketgs: Callable[..., Any], result: Path, capture_folder: Path, tmp_path: Path
+) -> None:
+    """In another image folder they have other names."""
+    shutil.copytree(capture_folder / "images", capture_folder / "images_2")
+    given = ["eval", result, capture_folder, "--images", "images_2", "--json", tmp_path / "a.json"]
+    outcome = pocketgs(*given, "--hold-out", 3)
+    assert outcome.status == 2
+    assert "was trained on 2 of the 3 views that are held out, the first images_2/0003.png" in outcome.errors
+    assert not (tmp_path / "a.json").exists()
+    # The same views are held out: nothing is wrong, as far as is known.
+    outcome = pocketgs(*given)
+    assert outcome.status == 0
+    assert "warning: " in outcome.errors
+    assert "no photograph has a name that its run knows, such as images/0001.png, the first is images_2/" in (
+        outcome.errors
+    )
+    assert json.loads((tmp_path / "a.json").read_text())["psnr"] == pytest.approx(record_of(result)["psnr"], abs=1e-6)
+
+
+def test_eval_warns_of_another_protocol(pocketgs: Callable[..., Any], result: Path, written_capture: Path) -> None:
+    outcome = pocketgs("eval", result, written_capture, "--downscale", 2)
+    assert outcome.status == 0
+    assert f"warning: {result}: the protocol of its run is '96x72, held out every 8th by name'" in outcome.errors
+    assert "here it is 'downscaled to 48x36, held out every 8th by name'; give the options" in outcome.errors
 
 
 def test_eval_uses_the_background_of_the_run(

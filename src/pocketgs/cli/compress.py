@@ -8,12 +8,11 @@ from typing import Annotated
 
 import tyro
 
-from pocketgs.capture.capture import Capture
 from pocketgs.cli.capture_options import CaptureOptions
 from pocketgs.cli.compression_table import closing_lines, figures_table, print_figures
 from pocketgs.cli.display import Display
 from pocketgs.cli.output_file import SCENE_FILE, check_place, json_with
-from pocketgs.cli.own_views import own_background, own_cameras, trained_cameras
+from pocketgs.cli.own_views import own_background, own_cameras
 from pocketgs.cli.scene_file import as_trained_on, folder_of, load_scene, names_scene, read_for
 from pocketgs.cli.terminal import Terminal
 from pocketgs.cli.timed_compression import compress_in_time
@@ -24,7 +23,6 @@ from pocketgs.errors import PocketGSError
 from pocketgs.files.atomic_file import replacing
 from pocketgs.files.manifest import read_manifest
 from pocketgs.files.memory_bound import memory_bound, require_memory
-from pocketgs.geometry.camera import Camera
 from pocketgs.results.folder import COMPRESSED, SCENE, check_compressed, write_compressed, write_json
 from pocketgs.results.held_out import check_comparable
 from pocketgs.scene.edits import drawable
@@ -69,7 +67,7 @@ def compress(
         original = drawable(load_scene(scene))
         size = (scene / SCENE if scene.is_dir() else scene).stat().st_size
         renderer = create_engine(engine)
-        views = _views(scene, original, capture, renderer, reading, console)
+        views = _views(scene, original, capture, renderer, reading)
         check_comparable([*views.judges, *views.reported])
         with Display(console).showing() as shown:
             shown.on_stage("compressing")
@@ -124,9 +122,7 @@ def _is_of_result(scene: Path, output: Path) -> bool:
     return is_place and SCENE in read_manifest(folder).files
 
 
-def _views(
-    scene: Path, original: Gaussians, capture: Path | None, engine: Engine, reading: CaptureOptions, console: Terminal
-) -> Views:
+def _views(scene: Path, original: Gaussians, capture: Path | None, engine: Engine, reading: CaptureOptions) -> Views:
     """The views to fine-tune, judge and report on.
 
     Raises:
@@ -136,19 +132,8 @@ def _views(
     if capture is not None:
         opened = as_trained_on(scene, read_for(scene, capture, reading))
         require_memory(scene, memory_needed(original, [frame.camera for frame in opened.train], engine), "compression")
-        console.say(*size_warnings(opened, trained_cameras(scene)), style="yellow")
         return photographed(opened)
     background = reading.background or own_background(scene)
     chosen = own_cameras(scene, original)
     require_memory(scene, memory_needed(original, chosen.values(), engine), "compression")
     return rendered(original, chosen, engine, background)
-
-
-def size_warnings(capture: Capture, cameras: dict[str, Camera]) -> list[str]:
-    """A warning if the scene was trained on photographs of another size."""
-    for frame in capture.frames:
-        if frame.name in cameras and frame.camera.width != cameras[frame.name].width:
-            found, expected = frame.camera.width, cameras[frame.name].width
-            hint = "give the options that it was trained with, such as --downscale or --images"
-            return [f"warning: the scene was trained on photographs {expected} pixels wide, found {found}: {hint}"]
-    return []

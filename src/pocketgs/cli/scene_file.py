@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TypeAlias
 
@@ -104,17 +105,22 @@ def read_for(scene: Path, capture: Path, reading: CaptureOptions) -> Capture:
 def check_unseen(scene: Path, capture: Capture) -> None:
     """Refuse held-out views that the scene's run was trained on: they cannot judge it.
 
+    If the capture differs from that of the run in something else, a warning is printed.
+
     Raises:
         PocketGSError: there are such views, or a file of the result cannot be read.
     """
-    overlap = _overlap(scene, capture)
-    if overlap:
-        raise PocketGSError(f"{scene}: {overlap}")
-
-
-def _overlap(scene: Path, capture: Capture) -> str | None:
     known = trained_on(folder_of(scene))
-    return known.overlap(capture) if known else None
+    if not known:
+        return
+    if overlap := known.overlap(capture):
+        raise PocketGSError(f"{scene}: {overlap}")
+    if difference := known.difference(capture):
+        _warn(scene, difference)
+
+
+def _warn(scene: Path, warning: str) -> None:
+    Terminal(to_errors=True).say(f"warning: {scene}: {warning}", style="yellow")
 
 
 def in_world_of(path: Path, capture: Capture) -> Capture:
@@ -131,16 +137,15 @@ def as_trained_on(path: Path, capture: Capture) -> Capture:
     """The capture as `in_world_of` gives it, without the transients that the scene's run has found.
 
     If the run had other training views, its transients stay, and a warning is printed. So it is if views are held out
-    that the run was trained on.
+    that the run was trained on, or the capture differs from that of the run in something else.
 
     Raises:
         PocketGSError: poses or transients cannot be read.
     """
-
-    def warn(warning: str) -> None:
-        Terminal(to_errors=True).say(f"warning: {path}: {warning}", style="yellow")
-
     capture = in_world_of(path, capture)
-    if overlap := _overlap(path, capture):
-        warn(f"{overlap}; figures on these views are too good")
-    return without_transients_of(folder_of(path), capture, warn)
+    if known := trained_on(folder_of(path)):
+        if overlap := known.overlap(capture):
+            _warn(path, f"{overlap}; figures on these views are too good")
+        elif difference := known.difference(capture):
+            _warn(path, difference)
+    return without_transients_of(folder_of(path), capture, partial(_warn, path))

@@ -44,13 +44,24 @@ class SavedCameras:
         centres = np.array([camera.centre for camera in self.cameras.values()])
         return max(float(np.ptp(centres, axis=0).max()), np.finfo(np.float64).tiny)
 
+    @cached_property
+    def _camera_to_world(self) -> np.ndarray:
+        """(N, 4, 4): of each camera, in the order of the names."""
+        return np.array([camera.camera_to_world for camera in self.cameras.values()]).reshape(-1, 4, 4)
+
+    def at_pose_of(self, frame: Frame) -> list[str]:
+        """Names of the cameras with a frame's pose: more than one of photographs from a tripod."""
+        if not self.cameras:
+            return []
+        now, then = frame.camera.camera_to_world, self._camera_to_world
+        turned = np.abs(now[:3, :3] - then[:, :3, :3]).max(axis=(1, 2))
+        moved = np.abs(now[:3, 3] - then[:, :3, 3]).max(axis=1)
+        is_same = np.maximum(turned, moved / self._spread) <= SAME_POSE
+        return [name for name, same in zip(self.cameras, is_same, strict=True) if same]
+
     def shows(self, frame: Frame) -> bool:
         """Whether a frame's camera is here, by its name and its pose. Others may have photographs of the same names."""
-        if frame.name not in self.cameras:
-            return False
-        now, then = frame.camera.camera_to_world, self.cameras[frame.name].camera_to_world
-        turned, moved = np.abs(now[:3, :3] - then[:3, :3]).max(), np.abs(now[:3, 3] - then[:3, 3]).max()
-        return bool(max(turned, moved / self._spread) <= SAME_POSE)
+        return frame.name in self.at_pose_of(frame)
 
 
 def write_cameras(path: Path, frames: Sequence[Frame], refined: bool, origin: Origin = (0.0, 0.0, 0.0)) -> None:

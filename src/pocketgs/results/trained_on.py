@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from pocketgs.capture.capture import Capture
+from pocketgs.capture.capture import Capture, Frame
 from pocketgs.errors import PocketGSError, clipped, counted
 from pocketgs.files.json_fields import read_json
 from pocketgs.results.cameras_file import SavedCameras, holds_cameras, read_cameras
@@ -37,15 +37,41 @@ class TrainedOn:
         Args:
             capture: in the world of the run.
         """
-        seen = [frame.name for frame in capture.held_out if frame.name in self.views and self.cameras.shows(frame)]
+        seen = [frame.name for frame in capture.held_out if self._saw(frame)]
         if not seen:
             return None
         held_out = counted(len(capture.held_out), "view that is held out", "views that are held out")
         found = f"was trained on {len(seen)} of the {held_out}, the first {clipped(seen[0])}"
         if not self.held_out:
             return f"{found}, since its run held nothing out: train it with --hold-out to measure it"
-        protocols = f"the protocol of its run is {self.protocol!r}, here it is {capture.protocol!r}"
-        return f"{found}: {protocols}; give the options that it was trained with, such as --hold-out"
+        return f"{found}: {self._protocols(capture)}"
+
+    def difference(self, capture: Capture) -> str | None:
+        """Tells how a capture differs from what the run was trained on, and what to do; None if it is the same.
+
+        Args:
+            capture: in the world of the run.
+        """
+        if capture.protocol != self.protocol:
+            return self._protocols(capture)
+        if self.cameras.cameras and not any(frame.name in self.cameras.cameras for frame in capture.frames):
+            trained, read = next(iter(self.cameras.cameras)), capture.frames[0].name
+            names = f"such as {clipped(trained)}, the first is {clipped(read)}"
+            hint = "give the capture and the options that it was trained with, such as --images"
+            return f"no photograph has a name that its run knows, {names}: {hint}"
+        return None
+
+    def _saw(self, frame: Frame) -> bool:
+        """Whether the run was trained on a frame, or on a copy of it with another name, from another image folder."""
+        names = self.cameras.at_pose_of(frame)
+        # From a tripod, a held-out photograph has the pose of training views: here its name decides.
+        return frame.name in self.views if frame.name in names else not self.views.isdisjoint(names)
+
+    def _protocols(self, capture: Capture) -> str:
+        return (
+            f"the protocol of its run is {self.protocol!r}, here it is {capture.protocol!r}; give the options that it "
+            "was trained with, such as --images, --downscale or --hold-out"
+        )
 
 
 def trained_on(folder: Path) -> TrainedOn | None:
