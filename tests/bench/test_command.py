@@ -61,7 +61,7 @@ def test_the_command_writes_results_table_and_report_and_goes_on_where_it_stoppe
     main(bench_arguments(written_capture, tmp_path, "--methods", "pocketgs", "no-seeding"))
     said = capsys.readouterr().out
     assert "2 cells, 2 of them done before" in said
-    assert "1 results of other versions, machines or settings are left out" in said
+    assert "1 results of other captures, versions, machines or settings are left out" in said
     assert "no-dense" not in (tmp_path / "results.md").read_text()
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import zip_longest
@@ -35,6 +36,34 @@ def test_what_has_a_result_is_not_run_again(tmp_path: Path) -> None:
         replace(sixth, settings="--iterations 7"),
     ]
     assert session.remaining(jobs, results, present_conditions(QUICK)) == jobs[1:]
+
+
+def test_another_capture_of_the_same_name_has_no_result(capture_folder: Path, tmp_path: Path) -> None:
+    """Nor has one whose photographs were replaced."""
+    other = Path(shutil.copytree(capture_folder, tmp_path / "other" / "toys"))
+    first, second = job(capture_folder), job(other)
+    done = [result_of(first)]
+    conditions = present_conditions(QUICK)
+    assert session.remaining([second], done, conditions) == []
+    (other / "images" / "0003.png").write_bytes(b"another photograph")
+    second = job(other)
+    assert session.remaining([second], done, conditions) == [second]
+    assert session.comparable(done, [second], conditions) == []
+    assert session.comparable(done, [first], conditions) == done
+    # Nor are the two put into the table of others.
+    both = [*done, result_of(replace(second, seed=1))]
+    assert session.comparable(both, [job(tmp_path / "fern")], conditions) == []
+    for result in (*done, result_of(second)):
+        write_result(tmp_path / "results", result)
+    assert len(read_results(tmp_path / "results")) == 2
+
+
+def test_hidden_files_are_no_part_of_a_capture(capture_folder: Path) -> None:
+    before = job(capture_folder).capture.files
+    (capture_folder / ".DS_Store").write_text("where the icons are")
+    assert job(capture_folder).capture.files == before
+    (capture_folder / "images" / "0003.png").rename(capture_folder / "images" / "0033.png")
+    assert job(capture_folder).capture.files != before
 
 
 def test_a_table_is_of_runs_under_the_same_conditions(tmp_path: Path) -> None:
@@ -102,7 +131,8 @@ def test_a_failure_replaces_only_failures(
 
 @pytest.mark.parametrize("error", [None, "broken"])
 @pytest.mark.parametrize(
-    "other", [{"command": "pocketgs train elsewhere"}, {"settings": "--iterations 7"}, {"machine": {}}]
+    "other",
+    [{"command": "pocketgs train elsewhere"}, {"files": "another"}, {"settings": "--iterations 7"}, {"machine": {}}],
 )
 def test_results_of_other_conditions_stay(
     other: dict[str, Any], error: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -26,7 +26,8 @@ def job(capture: Path, method: str = "pocketgs", seed: int = 0, flags: tuple[str
 
 
 def result_of(done: Job, seconds: float = 10.0, error: str | None = None) -> CellResult:
-    return CellResult(done.cell, done.command, error, seconds, **asdict(present_conditions(done.common_flags)))
+    conditions = asdict(present_conditions(done.common_flags))
+    return CellResult(done.cell, done.command, error, seconds, files=done.capture.files, **conditions)
 
 
 def wait_for(word: str, log: Path) -> None:

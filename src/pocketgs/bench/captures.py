@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 from pocketgs.errors import PocketGSError
@@ -38,6 +40,18 @@ class BenchCapture:
     def is_there(self) -> bool:
         """Whether its folder exists, or will be made."""
         return self.name == DEMO or self.path.is_dir()
+
+    @cached_property
+    def files(self) -> str:
+        """Sixteen hexadecimal digits of the names and sizes of its files; empty for the demo, which the code makes."""
+        if self.name == DEMO:
+            return ""
+        digest = hashlib.sha256()
+        for path in sorted(self.path.rglob("*")):
+            place = path.relative_to(self.path)
+            if path.is_file() and not any(part.startswith(".") for part in place.parts):
+                digest.update(f"{place.as_posix()}\0{path.stat().st_size}\0".encode())
+        return digest.hexdigest()[:16]
 
 
 DEMO = "demo"

@@ -77,7 +77,7 @@ def run_cell(job: Job, work: Path) -> CellResult:
     # A relative path such as "." also stands for other things where the result is searched for it.
     capture = Path(os.path.abspath(job.capture.path))
     command = [sys.executable, "-m", "pocketgs", "train", str(capture), *job.flags, "--output", str(folder)]
-    begun = CellResult(job.cell, job.command, **asdict(present_conditions(job.common_flags)))
+    begun = CellResult(job.cell, job.command, files=job.capture.files, **asdict(present_conditions(job.common_flags)))
     status = _run(command, log)
     if status != 0:
         return replace(begun, error=_last_words(log, status))

@@ -1,4 +1,4 @@
-"""Results of benchmark cells on disk: one JSON file per cell, command and conditions."""
+"""Results of benchmark cells on disk: one JSON file per cell, command, capture and conditions."""
 
 from __future__ import annotations
 
@@ -41,6 +41,7 @@ class CellResult:
         wall_seconds: from the command's start to the written scene, without evaluations on held-out views.
         scene_bytes: size of the scene by file format: "ply", "spz".
         run: the content of `run.json`; see `pocketgs.results.summary`.
+        files: digest of the capture's files: another capture may have the same folder name.
         settings, sources, machine: the conditions; see `pocketgs.bench.conditions`.
     """
 
@@ -50,6 +51,7 @@ class CellResult:
     wall_seconds: float = 0.0
     scene_bytes: dict[str, int] = field(default_factory=dict)
     run: dict[str, Any] = field(default_factory=dict)
+    files: str = ""
     settings: str = ""
     sources: str = ""
     machine: dict[str, str] = field(default_factory=dict)
@@ -60,13 +62,14 @@ class CellResult:
         return Conditions(self.settings, self.sources, self.machine)
 
     def repeats(self, other: CellResult) -> bool:
-        """Whether it is of the same cell as another, with the same command and conditions."""
-        return (self.cell, self.command, self.conditions) == (other.cell, other.command, other.conditions)
+        """Whether it is of the same cell as another, with the same command, capture and conditions."""
+        mine, others = ((it.cell, it.command, it.files, it.conditions) for it in (self, other))
+        return mine == others
 
     @property
     def digest(self) -> str:
-        """Eight hexadecimal digits of the command and the conditions, which tell results of one cell apart."""
-        told = json.dumps([self.command, asdict(self.conditions)], sort_keys=True)
+        """Eight hexadecimal digits of command, capture and conditions, which tell results of one cell apart."""
+        told = json.dumps([self.command, self.files, asdict(self.conditions)], sort_keys=True)
         return hashlib.sha256(told.encode()).hexdigest()[:8]
 
 
@@ -76,6 +79,7 @@ _KINDS: dict[str, type | tuple[type, ...]] = {
     "wall_seconds": (int, float),
     "scene_bytes": dict,
     "run": dict,
+    "files": str,
     "settings": str,
     "sources": str,
     "machine": dict,
@@ -86,8 +90,8 @@ _KINDS: dict[str, type | tuple[type, ...]] = {
 def write_result(folder: Path, result: CellResult) -> Path:
     """Write a result to the folder, where it replaces an earlier one that it repeats.
 
-    Successes stay: a failure does not replace one, and neither does a result of another command or other conditions,
-    which gets a file of its own.
+    Successes stay: a failure does not replace one, and neither does a result of another command or capture or other
+    conditions, which gets a file of its own.
 
     Returns:
         The file of the result, or of the success that it does not replace.

@@ -53,11 +53,13 @@ def plan_jobs(
 
 
 def remaining(jobs: Sequence[Job], results: Sequence[CellResult], conditions: Conditions) -> list[Job]:
-    """The jobs without a result of the same command and conditions; failed ones are retried."""
+    """The jobs without a result of the same command, capture and conditions; failed ones are retried."""
     done = {
-        (result.cell, result.command) for result in results if result.error is None and result.conditions == conditions
+        (result.cell, result.command, result.files)
+        for result in results
+        if result.error is None and result.conditions == conditions
     }
-    return [job for job in jobs if (job.cell, job.command) not in done]
+    return [job for job in jobs if (job.cell, job.command, job.capture.files) not in done]
 
 
 def comparable(results: Sequence[CellResult], jobs: Sequence[Job], conditions: Conditions) -> list[CellResult]:
@@ -69,13 +71,13 @@ def comparable(results: Sequence[CellResult], jobs: Sequence[Job], conditions: C
         conditions: of the jobs.
 
     Returns:
-        Those with the same conditions; for the jobs' captures, only those that read them in the same way, and of other
-        captures only those that all results read in one way.
+        Those with the same conditions; for the jobs' captures, only those that read the same files in the same way, and
+        of other captures only those of which all results read the same files in one way.
     """
     alike = [result for result in results if result.conditions == conditions and result.cell.method in METHODS]
-    readings: dict[str, set[str]] = {}
+    readings: dict[str, set[tuple[str, str]]] = {}
     for result in alike:
-        readings.setdefault(result.cell.capture, set()).add(_reading(result))
+        readings.setdefault(result.cell.capture, set()).add((_reading(result), result.files))
     asked = {job.capture.name: job for job in jobs}
 
     def fits(result: CellResult) -> bool:
@@ -83,7 +85,8 @@ def comparable(results: Sequence[CellResult], jobs: Sequence[Job], conditions: C
         job = asked.get(cell.capture)
         if job is None:
             return len(readings[cell.capture]) == 1
-        return result.command == replace(job, method=METHODS[cell.method], seed=cell.seed).command
+        expected = replace(job, method=METHODS[cell.method], seed=cell.seed)
+        return (result.command, result.files) == (expected.command, expected.capture.files)
 
     return list(filter(fits, alike))
 

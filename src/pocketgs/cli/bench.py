@@ -169,7 +169,9 @@ def _write_report(console: Terminal, jobs: Sequence[Job], conditions: Conditions
     kept = read_results(output)
     results = comparable(kept, jobs, conditions)
     if len(results) < len(kept):
-        console.say(f"{len(kept) - len(results)} results of other versions, machines or settings are left out")
+        console.say(
+            f"{len(kept) - len(results)} results of other captures, versions, machines or settings are left out"
+        )
     if not results:
         return
     table, overview, report = output / TABLE, output / OVERVIEW, output / REPORT
