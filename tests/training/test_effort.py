@@ -8,7 +8,7 @@ from dataclasses import replace
 import numba
 import psutil
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from pocketgs import Capture, PocketGSError, train
@@ -87,6 +87,14 @@ def test_standard_takes_the_time_that_it_should() -> None:
     assert sized(TrainingOptions(), FERN).max_gaussians < 55_000
     assert sized(TrainingOptions(), PHONE).max_gaussians == MOST_GAUSSIANS
     assert sized(TrainingOptions(), PHONE).max_keyframes == STANDARD_KEYFRAMES
+
+
+@given(SIDES, SIDES, COUNTS)
+@example(400, 400, 87)
+def test_best_is_never_shorter_than_standard(width: int, height: int, count: int) -> None:
+    views = [(width, height)] * count
+    best, standard = sized(TrainingOptions(effort="best"), views), sized(TrainingOptions(), views)
+    assert min(best.least_iterations, best.iterations) >= standard.iterations
 
 
 def test_photographs_of_different_sizes_count_by_their_pixels() -> None:

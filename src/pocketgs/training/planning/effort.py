@@ -61,7 +61,8 @@ def sized(options: TrainingOptions, views: Sequence[tuple[int, int]]) -> SizedOp
     """
     if isinstance(options, SizedOptions):
         return options
-    recipe = recipe_named(options.recipe or ("long" if options.effort == "best" else "pocketgs"))
+    standard_recipe = recipe_named("pocketgs")
+    recipe = recipe_named(options.recipe or ("long" if options.effort == "best" else standard_recipe.name))
     options = replace(options, recipe=recipe.name)
     strategy = options.strategy or recipe.strategy
     # Other strategies act at shares of a run's length, which is unknown here.
@@ -71,7 +72,9 @@ def sized(options: TrainingOptions, views: Sequence[tuple[int, int]]) -> SizedOp
     for name in OF_THE_RECIPE:
         given[name] = getattr(recipe, name) if given[name] is None else given[name]
     options = replace(options, max_gaussians=given["max_gaussians"])
-    sizes = _quick() if options.effort == "quick" else _standard(options, recipe, views)
+    # `best` is at least as long as `standard`, though the steps of its own recipe take longer.
+    timed = standard_recipe if options.effort == "best" else recipe
+    sizes = _quick() if options.effort == "quick" else _standard(options, timed, views)
     least = sizes["iterations"]
     if grows:
         longest = max(min(MAX_OPEN_ENDED, MAX_OPEN_ENDED_EPOCHS * len(views)), least)
