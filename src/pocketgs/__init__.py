@@ -11,14 +11,17 @@ Names are imported on first use, so `import pocketgs` is quick and loads no engi
 from __future__ import annotations
 
 from importlib import import_module
+from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    __version__: str
     from pocketgs.capture.capture import Capture, Frame
     from pocketgs.capture.open import open_capture
     from pocketgs.capture.synthetic import demo_capture
     from pocketgs.errors import PocketGSError
     from pocketgs.geometry.camera import Camera
+    from pocketgs.geometry.lens import Lens
     from pocketgs.metrics.evaluation import evaluate
     from pocketgs.scene.gaussians import Gaussians
     from pocketgs.scene.morton import morton_order
@@ -26,20 +29,23 @@ if TYPE_CHECKING:
     from pocketgs.splat.engine import EngineOptions, Rendering
     from pocketgs.splat.optimiser import Adam, photometric_loss
     from pocketgs.splat.rasterizer import Rasterizer
-    from pocketgs.splat.rendering import render
-    from pocketgs.splat.settings import LearningRates
+    from pocketgs.splat.rendering import render, render_all
+    from pocketgs.splat.settings import AdamSettings, LearningRates, LossSettings
     from pocketgs.training.options import TrainingOptions
     from pocketgs.training.preparation import prepare
     from pocketgs.training.train import train
 
 __all__ = [
     "Adam",
+    "AdamSettings",
     "Camera",
     "Capture",
     "EngineOptions",
     "Frame",
     "Gaussians",
     "LearningRates",
+    "Lens",
+    "LossSettings",
     "PocketGSError",
     "PointCloud",
     "Rasterizer",
@@ -52,17 +58,21 @@ __all__ = [
     "photometric_loss",
     "prepare",
     "render",
+    "render_all",
     "train",
 ]
 
 _HOMES = {
     "Adam": "splat.optimiser",
+    "AdamSettings": "splat.settings",
     "Camera": "geometry.camera",
     "Capture": "capture.capture",
     "EngineOptions": "splat.engine",
     "Frame": "capture.capture",
     "Gaussians": "scene.gaussians",
     "LearningRates": "splat.settings",
+    "Lens": "geometry.lens",
+    "LossSettings": "splat.settings",
     "PocketGSError": "errors",
     "PointCloud": "scene.point_cloud",
     "Rasterizer": "splat.rasterizer",
@@ -75,11 +85,14 @@ _HOMES = {
     "photometric_loss": "splat.optimiser",
     "prepare": "training.preparation",
     "render": "splat.rendering",
+    "render_all": "splat.rendering",
     "train": "training.train",
 }
 
 
 def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        return version("pocketgs")
     if name not in _HOMES:
         raise AttributeError(f"module 'pocketgs' has no attribute {name!r}")
     return getattr(import_module(f"pocketgs.{_HOMES[name]}"), name)

@@ -181,6 +181,9 @@ GREY = np.full((20, 20, 3), 0.5, np.float32)
         (GREY[..., 0], GREY, None, "expected \\(height, width, 3\\)"),
         (GREY, (GREY * 255).astype(np.uint8), None, "photo has type uint8"),
         (GREY * np.nan, GREY, None, "not finite"),
+        (GREY, GREY * 255, None, "photo has values from 127.5 to 127.5, expected RGB in \\[0, 1\\]"),
+        (GREY, GREY - 1, None, "photo has values from -0.5 to -0.5"),
+        ((GREY * 255).astype(np.uint8), GREY, None, "rendered image has type uint8"),
         (GREY, GREY, np.zeros((20, 20), bool), "mask is empty"),
         (GREY, GREY, np.ones((20, 19), bool), "expected bool of shape"),
         (GREY, GREY, np.ones((20, 20), np.uint8), "mask is uint8"),
@@ -193,6 +196,14 @@ def test_what_cannot_be_compared_is_named(
 ) -> None:
     with pytest.raises(PocketGSError, match=f"view 3: .*{message}"):
         evaluate([("view 3", rendered, photo, mask)], with_lpips=False)
+
+
+def test_renderings_are_clipped_as_on_a_screen(photo: np.ndarray) -> None:
+    rendered = 1.3 * noisy(photo, 0.1) - 0.1
+    clipped = np.clip(rendered, 0.0, 1.0)
+    assert (clipped != rendered).any()
+    found, expected = (evaluate([("a", image, photo, None)], with_lpips=False) for image in (rendered, clipped))
+    assert found == expected
 
 
 def test_no_images() -> None:

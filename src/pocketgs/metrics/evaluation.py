@@ -101,7 +101,8 @@ def evaluate(pairs: Iterable[Pair], with_lpips: bool = True) -> Evaluation:
 
     Args:
         pairs: (name, rendered, photo, mask) each: the images (H, W, 3) float RGB in [0, 1], the mask (H, W) bool, True
-            for pixels that count, or None for all. Consumed one at a time, so a generator may render them.
+            for pixels that count, or None for all. Renderings are clipped to [0, 1], as on a screen. Consumed one at a
+            time, so a generator may render them.
         with_lpips: whether to add LPIPS if its package and weights are available. If not, `Evaluation.lpips_note` says
             why; it is not an error.
 
@@ -112,6 +113,8 @@ def evaluate(pairs: Iterable[Pair], with_lpips: bool = True) -> Evaluation:
     images = []
     for name, rendered, photo, mask in pairs:
         try:
+            _check(rendered, photo, mask)
+            rendered = np.clip(rendered, 0.0, 1.0)
             metrics = ImageMetrics(
                 name,
                 psnr(rendered, photo, mask),
@@ -143,7 +146,8 @@ def psnr(rendered: np.ndarray, photo: np.ndarray, mask: np.ndarray | None = None
         dB.
 
     Raises:
-        PocketGSError: shapes or types disagree, a number is not finite, or the mask is empty.
+        PocketGSError: shapes or types disagree, the mask is empty, a number is not finite, or a photograph's is outside
+            [0, 1].
     """
     return float(-10 * np.log10(max(squared_error(rendered, photo, mask), 10 ** (-PSNR_CAP / 10))))
 
@@ -164,7 +168,8 @@ def cc_psnr(rendered: np.ndarray, photo: np.ndarray, mask: np.ndarray | None = N
         mask: (H, W) bool, True where pixels count, or None for all.
 
     Raises:
-        PocketGSError: shapes or types disagree, a number is not finite, or the mask is empty.
+        PocketGSError: shapes or types disagree, the mask is empty, a number is not finite, or a photograph's is outside
+            [0, 1].
     """
     _check(rendered, photo, mask)
     return psnr(colour_corrected(rendered, photo, mask), photo, mask)
@@ -187,8 +192,8 @@ def ssim(rendered: np.ndarray, photo: np.ndarray, mask: np.ndarray | None = None
         A number in [−1, 1], 1 for identical images.
 
     Raises:
-        PocketGSError: shapes or types disagree, a number is not finite, a side is shorter than 11 pixels, or the mask
-            is empty.
+        PocketGSError: shapes or types disagree, the mask is empty, a side is shorter than 11 pixels, a number is not
+            finite, or a photograph's is outside [0, 1].
     """
     _check(rendered, photo, mask)
     height, width = photo.shape[:2]
@@ -234,6 +239,8 @@ def _check(rendered: np.ndarray, photo: np.ndarray, mask: np.ndarray | None) -> 
             raise PocketGSError(f"{label} has type {image.dtype}, expected floating point in [0, 1]")
         if not np.isfinite(image).all():
             raise PocketGSError(f"{label} has values that are not finite, expected RGB in [0, 1]")
+    if photo.min() < 0 or photo.max() > 1:
+        raise PocketGSError(f"photo has values from {photo.min():g} to {photo.max():g}, expected RGB in [0, 1]")
     if rendered.shape != photo.shape:
         raise PocketGSError(f"rendered image has shape {rendered.shape}, the photo {photo.shape}: expected the same")
     if mask is not None and (mask.shape != photo.shape[:2] or mask.dtype != np.bool_):
