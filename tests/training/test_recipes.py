@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import fields, replace
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -12,7 +13,15 @@ from pocketgs.geometry.camera import look_at
 from pocketgs.splat.settings import LearningRates
 from pocketgs.training import recipes
 from pocketgs.training.options import SizedOptions
-from pocketgs.training.recipes import RECIPES, camera_extent, cosine, exponential_means, pixel_footprint, recipe_named
+from pocketgs.training.recipes import (
+    RECIPES,
+    RecipeName,
+    camera_extent,
+    cosine,
+    exponential_means,
+    pixel_footprint,
+    recipe_named,
+)
 from pocketgs.training.train import train
 
 RATES = LearningRates(means=1.0, log_scales=2.0, rotations=3.0, opacity_logits=4.0, sh_dc=5.0, sh_rest=6.0)
@@ -53,6 +62,10 @@ def test_recipes_are_sound(name: str) -> None:
         rates = recipe.schedule(recipe.rates, float(progress))
         for field in fields(rates):
             assert 0 < getattr(rates, field.name) <= getattr(recipe.rates, field.name)
+
+
+def test_every_name_is_that_of_a_recipe() -> None:
+    assert tuple(RECIPES) == get_args(RecipeName)
 
 
 def test_unknown_recipe() -> None:

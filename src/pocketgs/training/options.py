@@ -10,7 +10,7 @@ from pocketgs.errors import PocketGSError
 from pocketgs.prior.prior import Exposure
 from pocketgs.splat.engine import Accumulation, EngineName, EngineOptions, Precision, Replay
 from pocketgs.training.colours import COLOURS, Colours
-from pocketgs.training.recipes import Prior, Seeds, recipe_named
+from pocketgs.training.recipes import Prior, RecipeName, Seeds, recipe_named
 from pocketgs.training.strategies.choose import STRATEGIES, StrategyName, most_at_start
 
 Effort = Literal["quick", "standard", "best"]
@@ -41,7 +41,9 @@ class TrainingOptions:
         colours: learn an affine colour transform for each training photograph beside the scene.
         transients: "mask" masks things that other photographs do not show, such as people who walk by, in the loss;
             "keep" trains on all pixels.
-        recipe: name of a recipe, see `pocketgs.training.recipes`; None for the effort's.
+        recipe: loss, learning rates and their schedule: "pocketgs" for hundreds of iterations; "long" until more no
+            longer pays; "3dgs-7k" and "3dgs-30k" are 3DGS's; "reference" has 3DGS's rates, in a run of any length; None
+            for the effort's.
         strategy: how the number of Gaussians changes: "fixed" keeps it; "adc" clones, splits and prunes as 3DGS does;
             "mcmc" relocates transparent Gaussians; "budgeted" grows where the training views have errors; None for the
             recipe's.
@@ -73,7 +75,7 @@ class TrainingOptions:
     exposure: Exposure = "auto"
     colours: Colours = "off"
     transients: Literal["mask", "keep"] = "mask"
-    recipe: str | None = None
+    recipe: RecipeName | None = None
     strategy: StrategyName | None = None
     seed: int = 0
     max_gaussians: int | None = None
@@ -146,7 +148,7 @@ class SizedOptions(TrainingOptions):
     max_gaussians: int = 50_000
     prior: Prior = "dense"
     seeds: Seeds = "discs"
-    recipe: str = "pocketgs"
+    recipe: RecipeName = "pocketgs"
     strategy: StrategyName = "fixed"
     open_ended: bool = False
     least_iterations: int = 500

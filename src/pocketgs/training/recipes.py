@@ -18,6 +18,7 @@ from pocketgs.training.strategies.choose import StrategyName
 
 Seeds = Literal["discs", "balls"]
 Prior = Literal["dense", "sparse", "colmap", "none"]
+RecipeName = Literal["pocketgs", "reference", "3dgs-7k", "3dgs-30k", "long"]
 
 Schedule = Callable[[LearningRates, float], LearningRates]
 """Maps the initial rates and the progress of the run, 0 to 1, to the rates of an iteration."""
@@ -122,7 +123,7 @@ class Recipe:
             scales drift with the square root of the number of steps, so in longer runs their rate is lower.
     """
 
-    name: str
+    name: RecipeName
     rates: LearningRates
     length: Callable[[Sequence[Camera], PointCloud], float]
     schedule: Schedule
@@ -181,10 +182,10 @@ _3DGS_RATES = LearningRates(
 _3DGS_ITERATIONS = 30_000
 
 
-def _3dgs(iterations: int) -> Recipe:
+def _3dgs(name: RecipeName, iterations: int) -> Recipe:
     """3DGS's complete recipe, up to an iteration, with the decay of the run of 30,000 (Kerbl et al. 2023)."""
     return Recipe(
-        name=f"3dgs-{iterations // 1000}k",
+        name=name,
         rates=_3DGS_RATES,
         length=camera_extent,
         schedule=exponential_means(final=0.01 ** (iterations / _3DGS_ITERATIONS)),
@@ -216,14 +217,14 @@ _POCKETGS = Recipe(
     scales_for=500,
 )
 
-RECIPES = {
+RECIPES: dict[str, Recipe] = {
     recipe.name: recipe
     for recipe in (
         _POCKETGS,
         # 3DGS's rates for a fair comparison: a fixed number of Gaussians, and rates that decay over runs of any length.
         Recipe(name="reference", rates=_3DGS_RATES, length=camera_extent, schedule=exponential_means(final=0.01)),
-        _3dgs(7000),
-        _3dgs(30_000),
+        _3dgs("3dgs-7k", 7000),
+        _3dgs("3dgs-30k", 30_000),
         # Trains as long as it pays: from the dense cloud, growing where there are errors.
         replace(_POCKETGS, name="long", strategy="budgeted", open_ended=True, sh_degree=3, sh_every=250),
     )
