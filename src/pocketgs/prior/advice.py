@@ -1,6 +1,6 @@
 """Hints for better photographs, derived from the photographs and from what could be reconstructed.
 
-Every hint names the section of docs/photographing.md that shows the mistake and its remedy.
+Every hint says itself what to do; docs/photographing.md, which is not installed, shows each mistake and its remedy.
 """
 
 from __future__ import annotations
@@ -13,8 +13,6 @@ import numpy as np
 from pocketgs.capture.capture import Capture, Frame
 from pocketgs.errors import PocketGSError, counted
 from pocketgs.prior.scale import Scale
-
-PAGE = "docs/photographing.md"
 
 FEWEST, FEW = 3, 12
 """Number of photographs without which shapes cannot be estimated, and below which much remains a guess."""
@@ -58,7 +56,7 @@ def check_photographs(capture: Capture) -> None:
     if len(capture.frames) < FEWEST and not helped:
         found = counted(len(capture.frames), "photograph", "photographs")
         expected = f"expected at least {FEWEST} and better 30 to 60, each a step to the side of the last"
-        raise PocketGSError(f"{capture.path}: only {found}, {expected}; {_see('How many')}")
+        raise PocketGSError(f"{capture.path}: only {found}, {expected}")
 
 
 def photograph_hints(frames: Sequence[Frame]) -> tuple[str, ...]:
@@ -71,19 +69,15 @@ def photograph_hints(frames: Sequence[Frame]) -> tuple[str, ...]:
     if len(frames) < FEW:
         hints.append(
             f"only {len(frames)} photographs: gaps between them are guessed; take 30 to 60 of an object, 100 to 200 "
-            f"of a room; {_see('How many')}"
+            "of a room"
         )
     looks = [_look(frame) for frame in frames]
     blank, dark = (sum(look[which] for look in looks) for which in (0, 1))
     if dark > MANY * len(frames):
-        hints.append(
-            f"{dark} of {len(frames)} photographs are dark: switch on the lights or take them by day; "
-            f"{_see('Too dark')}"
-        )
+        hints.append(f"{dark} of {len(frames)} photographs are dark: switch on the lights or take them by day")
     if blank > MANY * len(frames):
         hints.append(
-            f"{blank} of {len(frames)} photographs have little texture: step back until something patterned is in "
-            f"view; {_see('Blank walls')}"
+            f"{blank} of {len(frames)} photographs have little texture: step back until something patterned is in view"
         )
     return tuple(hints)
 
@@ -97,17 +91,15 @@ def exposure_hint(gains: np.ndarray | None) -> tuple[str, ...]:
     stops = 0.0 if gains is None else DISPLAY_GAMMA * float(np.log2(gains.max() / gains.min()))
     if stops < STOPS:
         return ()
-    return (f"exposure differs by {stops:.1f} stops between photographs: lock it; {_see('Exposure that jumps')}",)
+    how = "lock it, on most phones by a long tap on the screen"
+    return (f"exposure differs by {stops:.1f} stops between photographs: {how}",)
 
 
 def poses_hint(wrong: int, frames: int) -> tuple[str, ...]:
     """A hint if many of a capture's poses are wrong."""
     if wrong <= MANY * frames:
         return ()
-    return (
-        f"{wrong} of {frames} poses were wrong: record again, slowly, with textured objects in view; "
-        f"{_see('When some poses are wrong')}",
-    )
+    return (f"{wrong} of {frames} poses were wrong: record again, slowly, with textured objects in view",)
 
 
 def nothing_found(capture: Capture, scale: Scale) -> str:
@@ -116,17 +108,12 @@ def nothing_found(capture: Capture, scale: Scale) -> str:
     if np.ptp(centres, axis=0).max() < MIN_WALK * scale.distance:
         return (
             "the photographs were taken from nearly one place, which does not determine distances: poses are used as "
-            "given; walk around the subject, with a step to the side between photographs; "
-            f"{_see('Turning on the spot')}"
+            "given; walk around the subject, with a step to the side between photographs"
         )
     return (
         "too little texture to refine poses or to estimate distances: poses are used as given; photograph from nearer, "
-        f"without blur, in more light, with something patterned in view; {_see('Blank walls')}"
+        "without blur, in more light, with something patterned in view"
     )
-
-
-def _see(part: str) -> str:
-    return f'see "{part}" in {PAGE}'
 
 
 def _look(frame: Frame) -> tuple[bool, bool]:

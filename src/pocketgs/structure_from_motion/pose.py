@@ -25,11 +25,11 @@ from pocketgs.structure_from_motion.work import Count
 STAGES = ("frames", "features", "matching", "verification", "mapping")
 ADVICE = (
     "take sharp photographs of textured surfaces in good light, from different positions, such that each shows two "
-    "thirds of the previous one; see docs/photographing.md"
+    "thirds of the previous one"
 )
 LITTLE_PARALLAX = (
     "the camera hardly moved: depths are coarse, and the focal length is EXIF's or a guess; for a scene that can be "
-    "seen from elsewhere too, walk around what you photograph; see docs/photographing.md"
+    "seen from elsewhere too, walk around what you photograph"
 )
 MAX_NAMES = 12
 

@@ -34,7 +34,7 @@ def unsupported(what: str, reason: str) -> NoReturn:
     Raises:
         PocketGSError: always.
     """
-    raise PocketGSError(f"{what} is not supported by PocketGS: {reason}; see docs/gsplat.md")
+    raise PocketGSError(f"{what} is not supported by PocketGS: {reason}")
 
 
 def refuse_arguments(arguments: dict[str, Any]) -> None:
