@@ -99,6 +99,12 @@ def random_scene(count: int, width: int, height: int) -> tuple[Gaussians, Sequen
     return gaussians, [Frame("random", camera, image)]
 
 
+def settings_without_motion() -> StepSettings:
+    """The default recipe's settings with rates of 0, so that every step is the same."""
+    recipe = recipe_named("pocketgs")
+    return StepSettings(recipe.rates.scaled(0.0), recipe.loss, recipe.adam)
+
+
 def add_rows(
     table: Table,
     pairs: Table,
@@ -112,8 +118,7 @@ def add_rows(
     engine = CpuEngine(threads)
     engine.set_views(frames)
     engine.upload(gaussians)
-    recipe = recipe_named("pocketgs")
-    settings = StepSettings(recipe.rates.scaled(0.0), recipe.loss)
+    settings = settings_without_motion()
     for view in range(min(len(frames), 3)):
         engine.step(view, settings)
     engine.timer = PassTimer()

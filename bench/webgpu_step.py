@@ -20,7 +20,7 @@ from typing import Annotated, Any, Literal
 import tyro
 from rich.console import Console
 
-from cpu_step import random_scene
+from cpu_step import random_scene, settings_without_motion
 from pocketgs.capture import Frame
 from pocketgs.cli.capture_options import CaptureOptions
 from pocketgs.gpu.adapters import TIMESTAMPS, choose_adapter
@@ -28,11 +28,9 @@ from pocketgs.gpu.device import shared_device
 from pocketgs.gpu.timing import milliseconds_to_wait
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.engine import Accumulation, EngineOptions, Precision, Replay
-from pocketgs.splat.settings import StepSettings
 from pocketgs.splat.webgpu.engine import WebGpuEngine
 from pocketgs.training.options import TrainingOptions
 from pocketgs.training.preparation import prepare
-from pocketgs.training.recipes import recipe_named
 from pocketgs.training.train import train
 from webgpu_roofline import measure_roofline
 from webgpu_tables import (
@@ -137,19 +135,13 @@ def scene_of(path: Path, reading: CaptureOptions, iterations: int, options: Engi
     return train(prepared, training).scene, prepared.train
 
 
-def _settings() -> StepSettings:
-    """The default recipe's settings with rates of 0, so that every step is the same."""
-    recipe = recipe_named("pocketgs")
-    return StepSettings(recipe.rates.scaled(0.0), recipe.loss)
-
-
 def work_of(scene: Scene, options: EngineOptions) -> Work:
     """Count the work of a step on the scene."""
     gaussians, frames = scene
     engine = WebGpuEngine(options)
     engine.set_views(frames)
     engine.upload(gaussians)
-    return count_work(engine, frames[:COUNTED_VIEWS], _settings())
+    return count_work(engine, frames[:COUNTED_VIEWS], settings_without_motion())
 
 
 def measure(scene: Scene, options: EngineOptions, work: Work, steps: int, console: Console) -> Measurement:
@@ -161,18 +153,18 @@ def measure(scene: Scene, options: EngineOptions, work: Work, steps: int, consol
     engine.upload(gaussians)
     started = time.perf_counter()
     for view in itertools.cycle(range(len(frames))):
-        engine.step(view, _settings())
+        engine.step(view, settings_without_motion())
         if view == len(frames) - 1 and time.perf_counter() - started > WARM_UP_SECONDS:
             break
     engine.loss()
     started = time.perf_counter()
     for step in range(steps):
-        engine.step(step % len(frames), _settings())
+        engine.step(step % len(frames), settings_without_motion())
     engine.loss()
     milliseconds = 1e3 * (time.perf_counter() - started) / steps
     with engine.executor.timed() as passes:
         for step in range(steps):
-            engine.step(step % len(frames), _settings())
+            engine.step(step % len(frames), settings_without_motion())
         engine.loss()
     if not engine.executor.has_timestamps:
         device = engine.executor.device

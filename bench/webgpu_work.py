@@ -59,8 +59,8 @@ TRAFFIC = {
     "collect errors": ("4 * in_view + 12 * visible + 36 * rows_read", "4 * visible"),
     "regularise": ("32 * gaussians", "16 * gaussians"),
     "adam": (
-        "(12 * columns + 44 + 12 * coefficients) * gaussians",
-        "(8 * columns + 44 + 12 * coefficients) * gaussians",
+        "4 * columns * in_view + (8 * columns + 44 + 12 * coefficients) * drawn_splats",
+        "(8 * columns + 44 + 12 * coefficients) * drawn_splats",
     ),
     "sum loss": ("8 * patches", "0"),
 }

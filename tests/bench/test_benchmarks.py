@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,7 @@ import pytest
 from pocketgs.capture.capture import Capture
 from pocketgs.gpu.adapters import Adapter
 from pocketgs.prior.prior import PreparedCapture
+from pocketgs.training.recipes import recipe_named
 from pocketgs.training.train import train
 
 BENCH = Path(__file__).resolve().parents[2] / "bench"
@@ -52,6 +54,14 @@ def test_benchmarks_of_the_cpu_run(name: str) -> None:
 @pytest.mark.parametrize("name", ON_THE_GPU)
 def test_benchmarks_of_the_gpu_run(name: str, adapter: Adapter) -> None:
     assert "ms" in table_of(name, f"{ON_THE_GPU[name]} --gpu {adapter.name.split()[0]}")
+
+
+def test_steps_are_timed_as_the_recipe_takes_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(BENCH))
+    recipe = recipe_named("pocketgs")
+    settings = import_module("cpu_step").settings_without_motion()
+    assert (settings.loss, settings.adam) == (recipe.loss, recipe.adam)
+    assert settings.rates == recipe.rates.scaled(0.0)
 
 
 def test_ways_to_make_a_scene_small(small_capture: Capture, written_capture: Path, tmp_path: Path) -> None:
