@@ -15,10 +15,11 @@ from types import ModuleType
 
 import pytest
 
-from documentation import ROOT, SUBCOMMANDS, Command, commands, options, tables
+from documentation import PAGES, ROOT, SUBCOMMANDS, Command, commands, options, tables
 from pocketgs.cli import main
 from pocketgs.cli.bench import Everywhere
 from pocketgs.cli.capture_options import CaptureOptions
+from pocketgs.extras import how_to_install
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -117,6 +118,13 @@ def test_packages_have_their_extras(command: Command) -> None:
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
     for name in re.findall(r"\[([\w,]+)\]", " ".join(command.arguments)):
         assert set(name.split(",")) <= set(extras)
+
+
+def test_no_index_is_asked_for_this_package() -> None:
+    """It has none, and another package might get its name: extras are installed from the folder."""
+    assert "pip install '.[lpips]'" in how_to_install("lpips")
+    for path in (*PAGES, *(ROOT / "src").rglob("*.py"), *(ROOT / "tools").rglob("*.py")):
+        assert not re.search(r"pip install '?pocketgs", path.read_text(encoding="utf-8")), path
 
 
 @pytest.fixture(scope="module")

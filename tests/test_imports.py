@@ -67,6 +67,7 @@ def test_every_module_can_be_imported() -> None:
 
 FOLDERS = {
     "errors": "",
+    "extras": "",
     "system": "",
     "files": "errors system",
     "geometry": "errors",
@@ -77,8 +78,8 @@ FOLDERS = {
     "prior": "capture errors geometry gpu scene system",
     "splat": "capture errors geometry gpu scene system",
     "seeding": "errors gpu scene system",
-    "torch": "errors geometry scene splat system",
-    "metrics": "errors splat",
+    "torch": "errors extras geometry scene splat system",
+    "metrics": "errors extras splat",
     "training": "capture errors geometry metrics prior scene seeding splat structure_from_motion system",
     "compression": "capture errors geometry metrics scene splat system training",
     "sort_free": "capture errors files geometry scene splat system training",
@@ -86,7 +87,7 @@ FOLDERS = {
     "viewer": "capture errors files geometry gpu results scene splat system training",
     "site": "capture compression errors files geometry gpu prior results scene seeding splat training viewer",
     "serve": "capture errors files results scene site viewer",
-    "bench": "capture errors files results scene system training",
+    "bench": "capture errors extras files results scene system training",
     "cli": "bench capture compression errors files geometry gpu metrics prior results scene serve site sort_free splat"
     " structure_from_motion system training viewer",
 }

@@ -120,5 +120,5 @@ def test_that_matplotlib_is_missing_is_said(
     many_results: list[CellResult], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    with pytest.raises(PocketGSError, match=re.escape("pip install 'pocketgs[bench]'")):
+    with pytest.raises(PocketGSError, match=re.escape("pip install '.[bench]'")):
         write_overview(many_results, tmp_path / "overview.png")

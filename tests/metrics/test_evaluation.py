@@ -236,7 +236,7 @@ def test_missing_lpips_is_reported(monkeypatch: pytest.MonkeyPatch, photo: np.nd
     evaluation = evaluate([("a", photo, photo, None)])
     assert evaluation.lpips is None
     assert evaluation.lpips_note is not None
-    assert "pip install" in evaluation.lpips_note
+    assert "pip install '.[lpips]'" in evaluation.lpips_note
 
 
 def test_lpips_compares_what_lies_within_the_mask(photo: np.ndarray) -> None:

@@ -9,6 +9,7 @@ import sys
 import pytest
 
 from missing import unavailable
+from pocketgs.extras import how_to_install
 
 IMPORT_ALL = """
 import sys
@@ -22,7 +23,7 @@ assert "torch" not in sys.modules
 @pytest.mark.parametrize("name", ["torch", "gsplat"])
 def test_what_the_tests_of_pytorch_functions_need_is_there(name: str) -> None:
     if importlib.util.find_spec(name) is None:
-        unavailable(f"no {name}: pip install 'pocketgs[gsplat]'; the tests of pocketgs.torch are left out")
+        unavailable(f"no {name}: {how_to_install('gsplat')}; the tests of pocketgs.torch are left out")
 
 
 def test_importing_the_package_does_not_import_pytorch() -> None:

@@ -20,6 +20,7 @@ from pocketgs.bench.methods import METHODS
 from pocketgs.bench.results import CellResult
 from pocketgs.bench.series import Curve, Trace, curves, mean_curve, traces
 from pocketgs.errors import PocketGSError
+from pocketgs.extras import how_to_install
 from pocketgs.files.atomic_file import replacing
 
 if TYPE_CHECKING:
@@ -70,7 +71,7 @@ def _style() -> Iterator[None]:
     try:
         import matplotlib as mpl
     except ImportError as error:
-        raise PocketGSError(f"charts need matplotlib ({error}): pip install 'pocketgs[bench]'") from error
+        raise PocketGSError(f"charts need matplotlib ({error}): {how_to_install('bench')}") from error
     with mpl.rc_context():
         mpl.rcdefaults()
         mpl.rcParams.update(STYLE)

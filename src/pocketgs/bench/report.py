@@ -30,6 +30,7 @@ from pocketgs.bench.sections import (
     summary_table,
 )
 from pocketgs.errors import PocketGSError
+from pocketgs.extras import how_to_install
 from pocketgs.files.atomic_file import replacing
 
 TEMPLATE = "report.html.jinja"
@@ -83,7 +84,7 @@ def check_report_possible() -> None:
         try:
             import_module(package)
         except ImportError as error:
-            raise PocketGSError(f"reports need {package} ({error}): pip install 'pocketgs[bench]'") from error
+            raise PocketGSError(f"reports need {package} ({error}): {how_to_install('bench')}") from error
 
 
 def write_report(results: Sequence[CellResult], pictures: Path | None, path: Path) -> None:

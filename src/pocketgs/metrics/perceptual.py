@@ -1,4 +1,4 @@
-"""LPIPS, a perceptual distance, through the optional extra `pocketgs[lpips]`.
+"""LPIPS, a perceptual distance, through the optional extra `lpips`.
 
 It needs PyTorch and, the first time, a download of the backbone network's weights. If either is missing, that is
 reported, without an error.
@@ -11,6 +11,8 @@ from importlib import import_module
 from typing import Any
 
 import numpy as np
+
+from pocketgs.extras import how_to_install
 
 NETWORK = "vgg"
 MIN_SIDE = 16
@@ -37,7 +39,7 @@ class Lpips:
             lpips = import_module("lpips")
             model = lpips.LPIPS(net=NETWORK, verbose=False)
         except ModuleNotFoundError as error:
-            return None, f"LPIPS not computed: {error}; pip install 'pocketgs[lpips]' adds it"
+            return None, f"LPIPS not computed: {error}; {how_to_install('lpips')}"
         # An incompatible PyTorch, a download and a cache fail each in their own way: none is worth losing PSNR over.
         except Exception as error:
             return None, f"LPIPS not computed: the {NETWORK} network could not be loaded ({error})"

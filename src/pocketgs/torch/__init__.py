@@ -2,18 +2,19 @@
 
     from pocketgs.torch import rasterization
 
-The extra `torch` installs PyTorch: `pip install pocketgs[torch]`. See docs/gsplat.md.
+The extra `torch` installs PyTorch.
 """
 
 # Sets how threads wait; PyTorch's own threads follow it if it is loaded later.
 import pocketgs.system.compile  # noqa: F401
+from pocketgs.extras import how_to_install
 
 try:
     import torch  # noqa: F401 - that it is there
 except ModuleNotFoundError as error:
     if error.name != "torch":
         raise
-    raise ModuleNotFoundError("pocketgs.torch needs PyTorch: pip install 'pocketgs[torch]'", name="torch") from error
+    raise ModuleNotFoundError(f"pocketgs.torch needs PyTorch: {how_to_install('torch')}", name="torch") from error
 
 from pocketgs.torch.clusters import ClusterCompactor, ClusterCuller
 from pocketgs.torch.covariance import proj, quat_scale_to_covar_preci, world_to_cam
