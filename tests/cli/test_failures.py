@@ -161,12 +161,13 @@ def test_options_of_a_capture_that_is_not_given(
     commands = [["view", result, "--no-open"], ["compress", result, *output], ["distil", result, *output]]
     for command in (*commands, ["info", result], ["info", "--devices"]):
         message = refused(*command, *options)
-        assert f"{options[0]} concerns the reading of a capture: expected " in message
+        assert f"{options[0]} only applies to a capture: give " in message
+        assert message.endswith(", or leave the option out\n")
 
 
 def test_a_background_needs_no_capture_where_renderings_use_it() -> None:
     CaptureOptions(background=(1.0, 1.0, 1.0)).check_without_capture("the capture", but=("background",))
-    with pytest.raises(PocketGSError, match="--background concerns"):
+    with pytest.raises(PocketGSError, match="--background only applies to a capture: give the capture, or"):
         CaptureOptions(background=(1.0, 1.0, 1.0)).check_without_capture("the capture")
 
 

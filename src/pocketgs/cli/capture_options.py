@@ -84,7 +84,7 @@ class CaptureOptions:
         """Refuse options that would have no effect, because no capture is read.
 
         Args:
-            expected: how to give one, for the message.
+            expected: what gives one, for the message.
             but: names of options that have an effect in any case.
 
         Raises:
@@ -93,7 +93,7 @@ class CaptureOptions:
         for field in fields(self):
             if field.name not in but and getattr(self, field.name) != field.default:
                 flag = field.name.replace("_", "-")
-                raise PocketGSError(f"--{flag} concerns the reading of a capture: expected {expected} with it")
+                raise PocketGSError(f"--{flag} only applies to a capture: give {expected}, or leave the option out")
 
     def listed(self, path: Path) -> ListedCapture:
         """List the capture at `path` without decoding photographs."""

@@ -86,7 +86,7 @@ def convert(
         chosen.write(output, gaussians)
         count = len(gaussians)
     lines = [f"{count:,} Gaussians in {output}, {output.stat().st_size:,} bytes"]
-    lines += [f"{chosen.name} drops {chosen.drops}"] if chosen.drops else []
+    lines += [f"{chosen.name} does not keep {chosen.drops}"] if chosen.drops else []
     lines += [f"{chosen.name} rounds {chosen.rounds}"] if chosen.rounds else []
     Terminal().say(*lines)
 

@@ -37,7 +37,7 @@ def info(
     """
     lines = []
     if path is None or names_scene(path):
-        reading.check_without_capture("the path of one")
+        reading.check_without_capture("its path")
     if path is not None:
         with memory_bound(max_memory):
             lines += _path_lines(path, reading)

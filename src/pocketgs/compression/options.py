@@ -25,7 +25,7 @@ class CompressionOptions:
         time_budget: Maximum seconds of the whole command.
         prune: Which Gaussians are removed first: those that contribute little to the training views (contribution),
             those that also look like their neighbours (distinct), or those that training with random Gaussians left out
-            finds dispensable (masks, not those of photographs).
+            finds dispensable (masks: learned per Gaussian; unrelated to photograph masks).
         seed: Random seed.
 
     Raises:

@@ -154,7 +154,7 @@ class EngineOptions:
         engine: "auto" uses a GPU if there is one, else the CPU; "webgpu" accepts software adapters too.
         threads: maximum number of CPU threads, or None for one per core.
         gpu: part of the name of the GPU to use, not with engine "cpu"; None for the best.
-        precision: of projected splats and of the replay cache on the GPU.
+        precision: how projected splats and the replay cache are stored on the GPU.
         replay: whether the GPU's backward pass recomputes the forward pass's values, or reads them from a cache.
         accumulation: how gradients of a GPU's tiles are summed: "ordered" gives the same bits every time; "atomic"
             takes less memory, on GPUs with atomic addition of floats.

@@ -53,7 +53,7 @@ class TrainingOptions:
         sh_degree: degree of the spherical harmonics; None for the recipe's.
         threads: CPU threads; None for all cores.
         gpu: part of the name of the GPU to use; None for the best.
-        precision: of projected splats and of the replay cache on the GPU.
+        precision: how projected splats and the replay cache are stored on the GPU.
         replay: whether the GPU's backward pass recomputes the forward pass, or reads a cache.
         accumulation: whether gradients on the GPU are summed in order, or atomically in less memory.
         portable: use only features that every WebGPU device has.

@@ -69,7 +69,7 @@ FORMATS = (
     SceneFormat(
         "PlayCanvas compressed PLY",
         (".compressed.ply",),
-        "the order",
+        "the order of Gaussians",
         "centres and log scales to 1/4000 (y: 1/2000) and colours to 1/500 of their range in 256 neighbours, opacity "
         "to 1/500, rotation to 0.3 degrees, spherical harmonics to 1/64 within -4 to 4",
         compressed_ply.read_gaussians,
@@ -87,7 +87,7 @@ FORMATS = (
     SceneFormat(
         "PocketGS",
         (".pgs",),
-        "the order, and which of a Gaussian's axes is the first",
+        "the order of Gaussians or of their axes",
         FINE_PGS.rounds,
         _read_pgs,
         write_pgs,
@@ -95,7 +95,7 @@ FORMATS = (
     SceneFormat(
         "PlayCanvas SOG",
         (".sog",),
-        "the order",
+        "the order of Gaussians",
         "centres to 1/130,000 of their range, log scales and colours to 256 values, rotation to 1 degree, opacity to "
         "1/500, spherical harmonics to 4096 vectors of 256 values",
         _read_sog,
@@ -104,7 +104,7 @@ FORMATS = (
     SceneFormat(
         "antimatter15 splat",
         (".splat",),
-        "the order, spherical harmonics above degree 0",
+        "the order of Gaussians, or spherical harmonics above degree 0",
         "opacity to 1/500, colours to 1/500 within 0 to 1, rotation to 1 degree",
         splat.read_gaussians,
         splat.write_gaussians,

@@ -58,7 +58,7 @@ SMALL = Precision(
     rotation=16,
     harmonics=4,
     rearranged=True,
-    drops="the order, and which of a Gaussian's axes is the first",
+    drops="the order of Gaussians or of their axes",
     rounds="centres to 1/8 of the size of nine in ten Gaussians, log scales to 1/16 within -10 to 5.9, opacity to "
     "1/63, colours to 1/67 within -0.4 to 1.4, rotation to 3 degrees, spherical harmonics within -1 to 1 to 0.02",
 )
