@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from pocketgs import Gaussians, PocketGSError, PointCloud
 from pocketgs.scene.gaussians import SH_COEFFICIENTS, SH_DC
+from pocketgs.seeding.neighbourhoods import MIN_POINTS
 from pocketgs.seeding.seeds import SEEDINGS, Seeding, seed_balls, seed_discs
 
 SHAPES = {"discs": np.array([1, 1, 0.3]), "balls": np.ones(3)}
@@ -108,26 +109,47 @@ def test_the_rest(seed: Seeding, degree: int) -> None:
     assert not scene.sh[:, 1:].any()
 
 
-def test_points_on_top_of_each_other(seed: Seeding) -> None:
+@pytest.mark.parametrize("repetitions", [2, 4, 40])
+def test_points_on_top_of_each_other(seed: Seeding, repetitions: int) -> None:
+    """Some, or all: each has the scales and axes that it would have if it were there once."""
     apart = np.random.default_rng(0).normal(size=(50, 3))
-    scene = seed(cloud(np.concatenate([apart, *[apart[:1]] * 5])), 0.1, 0, 1.0)
+    once = seed(cloud(apart), 0.1, 0, 1.0)
+    some = np.concatenate([np.repeat(np.arange(5), repetitions), np.arange(5, 50)])
+    for rows in (some, np.tile(np.arange(50), repetitions)):
+        scene = seed(cloud(apart[rows]), 0.1, 0, 1.0)
+        assert scene.means.tobytes() == once.means[rows].tobytes()
+        np.testing.assert_array_equal(scene.log_scales, once.log_scales[rows])
+        np.testing.assert_array_equal(scene.quaternions, once.quaternions[rows])
+
+
+def test_points_that_nearly_coincide(seed: Seeding) -> None:
+    apart = np.random.default_rng(0).normal(size=(50, 3))
+    beside = apart[0] + 1e-12 * np.random.default_rng(1).normal(size=(5, 3))
+    scene = seed(cloud(np.concatenate([apart, beside])), 0.1, 0, 1.0)
     assert sound(scene)
     # Small beside the others, but not without size.
     assert scene.scales.min() > 1e-3 * np.median(scene.scales)
-    for positions in (np.zeros((4, 3)), np.repeat(apart, 4, axis=0)):
-        assert sound(seed(cloud(positions), 0.1, 0, 1.0))
 
 
 @pytest.mark.parametrize("shape", list(SEEDINGS))
 @given(positions=arrays.arrays(np.float32, (6, 3), elements=st.floats(-1e6, 1e6, width=32)))
 def test_any_points_give_sound_gaussians(shape: str, positions: np.ndarray) -> None:
-    assert sound(SEEDINGS[shape](cloud(positions), 0.1, 0, 1.0))
+    if len(np.unique(positions, axis=0)) >= MIN_POINTS:
+        assert sound(SEEDINGS[shape](cloud(positions), 0.1, 0, 1.0))
+    else:
+        with pytest.raises(PocketGSError, match="of them distinct"):
+            SEEDINGS[shape](cloud(positions), 0.1, 0, 1.0)
 
 
 @pytest.mark.parametrize("count", [0, 1, 3])
 def test_too_few_points(seed: Seeding, count: int) -> None:
-    with pytest.raises(PocketGSError, match=f"{count} points to start from, expected at least 4"):
-        seed(cloud(np.zeros((count, 3))), 0.1, 0, 1.0)
+    with pytest.raises(PocketGSError, match=f"{count} points to start from, {count} of them distinct"):
+        seed(cloud(np.eye(3)[:count]), 0.1, 0, 1.0)
+
+
+def test_too_few_distinct_points(seed: Seeding) -> None:
+    with pytest.raises(PocketGSError, match="30 points to start from, 3 of them distinct, expected at least 4"):
+        seed(cloud(np.tile(np.eye(3), (10, 1))), 0.1, 0, 1.0)
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])

@@ -64,20 +64,20 @@ def test_random_numbers_are_numpys(call: Call) -> None:
 def test_seeds_are_the_same_discs(call: Call) -> None:
     random = np.random.default_rng(1)
     positions = random.normal(0, [3.0, 1.0, 0.05], (700, 3))
-    positions[100:103] = positions[99]  # coincident
+    positions[100:400] = positions[600:].repeat(3, axis=0)  # three hundred coincide with one of the last hundred
     points = PointCloud(positions, random.uniform(0, 1, (700, 3)))
     recipe = RECIPES[RECIPE]
     script = (
         TYPED
         + OPEN_DEVICE
         + """
+        const { distinctNeighbourhoods } = await import(new URL("seeding/distinct.js", location.href));
         const { NeighbourSearch } = await import(new URL("seeding/neighbour_search.js", location.href));
         const passes = await (await fetch("seeding_passes.json")).json();
         const search = await NeighbourSearch.open(device, passes, settings.seeding);
         const cloud = cloudOf(given);
-        const scene = module.seedDiscs(
-            cloud, await search.around(cloud.positions), settings.recipe, settings.seeding,
-        );
+        const around = await distinctNeighbourhoods(search, cloud.positions, settings.run.min_points);
+        const scene = module.seedDiscs(cloud, around, settings.recipe, settings.seeding);
         device.destroy();
         return [[...scene.shape], [...scene.sh], complaints];
     """
@@ -89,7 +89,18 @@ def test_seeds_are_the_same_discs(call: Call) -> None:
     for name in ("means", "log_scales", "opacity_logits", "sh"):
         np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=0, atol=1e-5)
     alike = np.abs(np.sum(normals(found.quaternions) * normals(expected.quaternions), axis=1))
-    assert np.quantile(alike, 0.01) > 1 - 1e-6  # three coincident points may have no plane
+    assert np.quantile(alike, 0.01) > 1 - 1e-6
+
+
+def test_distinct_points_are_counted(call: Call) -> None:
+    script = """
+        const search = { around: async (found) => ({ spacing: found, normals: found, tangents: found }) };
+        const positions = Float64Array.from([...given, ...given]);
+        await module.distinctNeighbourhoods(search, positions, given.length / 3);
+        return module.distinctNeighbourhoods(search, positions, given.length / 3 + 1).catch(({ message }) => message);
+    """
+    found = call("seeding/distinct.js", script, np.random.default_rng(0).normal(size=9).tolist())
+    assert found == "6 points to start from, 3 of them distinct: at least 4 are needed."
 
 
 def normals(quaternions: np.ndarray) -> np.ndarray:

@@ -37,7 +37,7 @@ def seed_discs(
 
     The surface is the plane through the point's 16 nearest neighbours, see `Neighbourhoods`; its normal points to the
     side that the point was seen from. The disc's scales are s_t along the surface, the mean distance to the three
-    nearest neighbours, and 0.3 s_t along the normal, its z-axis.
+    nearest neighbours, and 0.3 s_t along the normal, its z-axis. Neighbours that coincide count once.
 
     Args:
         points: N >= 4 points.
@@ -47,7 +47,7 @@ def seed_discs(
         search: finds the neighbours; None for the CPU.
 
     Raises:
-        PocketGSError: there are too few points, or one is not finite.
+        PocketGSError: there are too few distinct points, or one is not finite.
     """
     around = _neighbourhoods(points, search)
     normals = around.normals
@@ -76,15 +76,21 @@ SEEDINGS: dict[str, Seeding] = {"discs": seed_discs, "balls": seed_balls}
 
 
 def _neighbourhoods(points: PointCloud, search: NeighbourSearch | None) -> Neighbourhoods:
-    if len(points) < MIN_POINTS:
-        raise PocketGSError(f"seeding: {len(points)} points to start from, expected at least {MIN_POINTS}")
+    """The neighbourhood of every point among points elsewhere: coincident ones say nothing of the surface."""
     if not np.isfinite(points.positions).all():
         raise PocketGSError("seeding: points to start from have coordinates that are not finite")
-    return (search or create_search()).around(points.positions)
+    _, first, members = np.unique(points.positions, axis=0, return_index=True, return_inverse=True)
+    kept = np.sort(first)
+    if len(kept) < MIN_POINTS:
+        found = f"{len(points)} points to start from, {len(kept)} of them distinct"
+        raise PocketGSError(f"seeding: {found}, expected at least {MIN_POINTS}")
+    around = (search or create_search()).around(points.positions[kept])
+    rows = np.searchsorted(kept, first[members.reshape(-1)])
+    return Neighbourhoods(around.spacing[rows], around.normals[rows], around.tangents[rows])
 
 
 def _sizes(around: Neighbourhoods) -> np.ndarray:
-    """(N,) the spacings, but for coincident points, which would give Gaussians of size zero."""
+    """(N,) the spacings, but for points that nearly coincide, which would give Gaussians of size zero."""
     return np.maximum(around.spacing, 0.01 * np.median(around.spacing) + np.finfo(np.float32).tiny)
 
 

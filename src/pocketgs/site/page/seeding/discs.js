@@ -21,7 +21,7 @@ import { medianOf } from "../numbers/median.js";
 export function seedDiscs({ positions, colours }, { spacing, normals, tangents }, recipe, { thickness }) {
     const count = positions.length / 3;
     const scene = new GaussianColumns(count, recipe.coefficients);
-    // Coincident points would give Gaussians of size zero.
+    // Points that nearly coincide would give Gaussians of size zero.
     const least = 0.01 * medianOf(spacing) + 1.1754944e-38;
     for (let i = 0; i < count; i++) {
         const size = recipe.seed_size * Math.max(spacing[i], least);

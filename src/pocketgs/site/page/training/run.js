@@ -7,6 +7,7 @@
 import { resized } from "../capture/camera.js";
 import { mortonOrder } from "../seeding/morton.js";
 import { seedDiscs } from "../seeding/discs.js";
+import { distinctNeighbourhoods } from "../seeding/distinct.js";
 import { selected } from "../seeding/points.js";
 import { sceneOf } from "../storage/kept_run.js";
 import { halved } from "./buffer_sizes.js";
@@ -152,7 +153,7 @@ export class Run {
         this.#initial = initialRates(recipe, this.#options.iterations, unit);
         this.#dropout = dropoutShare(recipe.dropout, views);
         const ordered = selected(points, order);
-        const around = await search.around(ordered.positions);
+        const around = await distinctNeighbourhoods(search, ordered.positions, this.#settings.run.min_points);
         signal.throwIfAborted();
         await this.#trainer.begin(train, background, seedDiscs(ordered, around, recipe, seeding));
         signal.throwIfAborted();
