@@ -266,6 +266,26 @@ def test_hostile_numbers_leave_images_and_gradients_finite(engine: str, edits: l
         assert not np.any(getattr(gradient, name)[~drawn]), name
 
 
+def test_a_diverged_colour_hides_nothing_in_other_outputs(
+    engine: str, camera: Camera, make_gaussians: MakeGaussians
+) -> None:
+    """A Gaussian is not drawn where its colour from the camera has diverged, whatever is asked for."""
+    gaussians = make_gaussians(count=40, sh_degree=1, size=0.5)
+    gaussians.sh[::5, 0, 1] = [np.nan, np.inf, -1e9, 1e5, 0.0, 0.0, 0.0, 0.0]
+    gaussians.sh[20:35, 3, 2] = np.linspace(-3e5, 3e5, 15)  # too bright from some sides only
+    cameras = [camera, camera_in_front(37, 29, 40.0)]
+    together = [shared(engine).forward(gaussians, one, ("rgb", "depth", "radii", "contributions")) for one in cameras]
+    of_many = shared(engine).contributions(gaussians, cameras)
+    for one, expected, seen in zip(cameras, together, of_many, strict=True):
+        drawn = np.any(expected.radii > 0, axis=1)
+        assert 0 < np.sum(drawn[20:35]) < 15
+        alone = shared(engine).forward(gaussians, one, ("depth", "radii", "contributions"))
+        np.testing.assert_array_equal(np.any(alone.radii > 0, axis=1), drawn)
+        np.testing.assert_allclose(alone.depth, expected.depth, rtol=1e-6)
+        for found in (alone.contributions, seen):
+            np.testing.assert_array_equal(found.summed, expected.contributions.summed)
+
+
 def test_mistakes_are_named(camera: Camera, make_gaussians: MakeGaussians) -> None:
     gaussians = make_gaussians(count=4)
     with pytest.raises(PocketGSError, match="'cuda', expected cpu, webgpu or reference"):

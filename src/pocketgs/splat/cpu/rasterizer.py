@@ -35,6 +35,7 @@ from pocketgs.splat.cpu.project import project
 from pocketgs.splat.cpu.project_backward import project_backward
 from pocketgs.splat.cpu.rasterize_backward import sums_per_intersection
 from pocketgs.splat.cpu.statistics import STATISTICS
+from pocketgs.splat.diverged import suspects, without_diverged
 from pocketgs.splat.ellipse import half_sizes
 from pocketgs.splat.limits import TRAINING
 from pocketgs.system.cores import kernel_threads
@@ -90,6 +91,8 @@ class CpuBackend:
         numba.set_num_threads(self.threads)
         scene = Gaussians(*(getattr(parameters, name) for name in PARAMETERS))
         scene.quaternions = np.ascontiguousarray(scene.unit_quaternions)
+        if not colours:
+            scene = without_diverged(scene, suspects(scene), camera)
         arrays = SceneArrays.of(scene)
         if not colours:
             arrays = arrays._replace(sh=np.empty((len(scene), 0, 3), np.float32))

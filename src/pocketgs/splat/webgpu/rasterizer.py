@@ -12,6 +12,7 @@ import numpy as np
 from pocketgs.geometry.camera import Camera
 from pocketgs.scene.gaussians import PARAMETERS, Gaussians
 from pocketgs.splat.backend import Composite, CompositeGradient, Contributions, Parameters
+from pocketgs.splat.diverged import suspects, without_diverged
 from pocketgs.splat.ellipse import half_sizes
 from pocketgs.splat.parameters import ParameterLayout
 from pocketgs.splat.webgpu.channels import in_groups, packed, read_channel_gradients, read_image
@@ -93,6 +94,8 @@ class WebGpuBackend:
     ) -> Composite:
         """Project → sort → bin → rasterize."""
         scene = Gaussians(*(getattr(parameters, name) for name in PARAMETERS))
+        if not colours:
+            scene = without_diverged(scene, suspects(scene), camera)
         shown = GROUP if colours else 0
         composited = shown + channels.shape[1]
         values = in_groups(channels, first=shown)
@@ -141,8 +144,10 @@ class WebGpuBackend:
         """Contributions of each Gaussian to each camera's image, in turn; no image is read back."""
         scene = Gaussians(*(getattr(parameters, name) for name in PARAMETERS))
         values = in_groups(np.empty((len(scene), 0), np.float32))
-        content = _content(scene, False, values)
+        content, rows = _content(scene, False, values), suspects(scene)
         for camera in cameras:
+            if len(rows) > 0:
+                content = _content(without_diverged(scene, rows, camera), False, values)
             tape = _Tape(scene, camera, near, False, 0, values, False)
             self._lists.draw(tape, tape.symbols, camera, near, content)
             yield self._inspected(len(scene))
