@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -17,6 +18,9 @@ from pocketgs.splat.settings import LossSettings, StepSettings
 from pocketgs.splat.webgpu import engine as engine_module
 from pocketgs.splat.webgpu import steps_ahead
 from pocketgs.splat.webgpu.engine import WebGpuEngine
+from pocketgs.splat.webgpu.memory import ROW_GROWTH, Extent, Limits, plan_memory, plan_rows
+from pocketgs.splat.webgpu.passes import describe_training
+from pocketgs.splat.webgpu.variant import Variant
 from splat.training_step import BACKGROUND, RATES, assert_identical, begin, camera_in_front, photograph
 from splat.webgpu.variants import every_ordered_variant, shared_engine
 
@@ -159,6 +163,26 @@ def test_photographs_that_do_not_fit_are_streamed(make_gaussians: MakeGaussians)
             engine.step(int(view), STEP)
     assert streaming.loss(40) == resident.loss(40)
     assert_identical(resident.download(), streaming.download())
+
+
+@pytest.mark.parametrize("replay", ["recompute", "cache"])
+def test_headroom_displaces_neither_photographs_nor_the_replay_cache(replay: Literal["recompute", "cache"]) -> None:
+    """Whatever the limit, what is allocated for more Gaussians has a place for what fits without headroom."""
+    description = describe_training(Variant(replay=replay))
+    before = Extent(1000, 1000, 4, 8000, ((300, 200),) * 10, trains=True)
+    grown = replace(before, gaussians=1100, capacity=1100)
+    capacities = set()
+    for total in range(4_000_000, 30_000_000, 50_000):
+        limits = Limits(total, total)
+        try:
+            exact = plan_memory(description, grown, limits)
+        except PocketGSError:
+            continue
+        extent, plan = plan_rows(description, before, 1100, limits)
+        assert plan.total <= total
+        assert (plan.shelf, plan.replay_depth) == (exact.shelf, exact.replay_depth)
+        capacities.add(extent.capacity)
+    assert capacities == {1100, int(ROW_GROWTH * 1000)}
 
 
 def test_memory_stays_within_its_limit(make_gaussians: MakeGaussians) -> None:

@@ -135,18 +135,24 @@ def expected_extent(
 
 
 def plan_rows(description: Description, extent: Extent, gaussians: int, limits: Limits) -> tuple[Extent, MemoryPlan]:
-    """What is to be held, and allocated, once there are so many Gaussians: room for more, if new room is made at all.
+    """What is to be held, and allocated, once there are so many Gaussians.
+
+    If new room is made at all, there is some for more Gaussians, unless it would displace photographs or the replay
+    cache: that would cost time at every step, and making room again costs it only once.
 
     Raises:
         PocketGSError: it does not fit.
     """
     capacity = extent.capacity
     extent = replace(extent, gaussians=gaussians, capacity=max(gaussians, capacity))
+    plan = plan_memory(description, extent, limits)
     if gaussians > capacity:
         roomy = replace(extent, capacity=max(gaussians, int(ROW_GROWTH * capacity)))
         with suppress(PocketGSError):
-            return roomy, plan_memory(description, roomy, limits)
-    return extent, plan_memory(description, extent, limits)
+            roomy_plan = plan_memory(description, roomy, limits)
+            if (roomy_plan.shelf, roomy_plan.replay_depth) == (plan.shelf, plan.replay_depth):
+                return roomy, roomy_plan
+    return extent, plan
 
 
 def _sizes(description: Description, extent: Extent, replay_depth: int) -> dict[str, int]:
