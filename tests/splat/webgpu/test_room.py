@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Literal
 
@@ -14,6 +14,7 @@ from pocketgs.capture.capture import Frame
 from pocketgs.errors import PocketGSError
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.engine import EngineOptions
+from pocketgs.splat.rows import RowChange
 from pocketgs.splat.settings import LossSettings, StepSettings
 from pocketgs.splat.webgpu import engine as engine_module
 from pocketgs.splat.webgpu import steps_ahead
@@ -183,6 +184,31 @@ def test_headroom_displaces_neither_photographs_nor_the_replay_cache(replay: Lit
         assert (plan.shelf, plan.replay_depth) == (exact.shelf, exact.replay_depth)
         capacities.add(extent.capacity)
     assert capacities == {1100, int(ROW_GROWTH * 1000)}
+
+
+@pytest.mark.parametrize("first", [9_000, 16_000, 19_990])
+def test_a_growing_run_takes_no_more_than_planned(monkeypatch: pytest.MonkeyPatch, first: int) -> None:
+    """Nor while rows are gathered, or all opacities set."""
+    most, coefficients, camera = 20_000, 16, camera_in_front(64, 48, 60.0)
+    engine = WebGpuEngine()
+    needed = engine.memory_needed(most, coefficients, [(64, 48)]).device
+    taken = []
+    reserve = engine.executor.reserve
+
+    def watched(sizes: Mapping[str, int]) -> None:
+        reserve(sizes)
+        taken.append(sum(engine.memory().values()))
+
+    monkeypatch.setattr(engine.executor, "reserve", watched)
+    tails = ((3,), (3,), (4,), (), (coefficients, 3))
+    begin(engine, Gaussians(*(np.ones((first, *tail)) for tail in tails)), [photograph(camera)])
+    for count in np.linspace(first, most, 5).astype(int)[1:]:
+        sources = np.arange(count, dtype=np.int32) % engine.count
+        rows = np.arange(count, dtype=np.int32)
+        opacities = np.full(count, -3.0, np.float32)
+        engine.change_rows(RowChange(sources, sources < 0, {"opacity_logits": (rows, opacities)}))
+    assert np.all(engine.download().opacity_logits == -3.0)
+    assert 0.5 * needed < max(taken) <= needed
 
 
 def test_memory_stays_within_its_limit(make_gaussians: MakeGaussians) -> None:

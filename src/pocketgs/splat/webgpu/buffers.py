@@ -87,8 +87,6 @@ _TRAINING_BUFFERS = {
     "second_moments": "4 * columns * capacity",
     "statistics": f"{4 * STATISTICS} * capacity",
     "row_sources": "4 * capacity",
-    "listed_rows": "4 * listed",
-    "listed_values": "4 * listed * max(4, 3 * coefficients)",
     "photographs": "4 * photograph_pixels",
     "ssim_derivatives": "36 * pixels",
     "d_image": "16 * pixels",

@@ -36,6 +36,7 @@ from pocketgs.splat.webgpu.memory import (
     expected_extent,
     plan_memory,
     plan_rows,
+    plan_run,
 )
 from pocketgs.splat.webgpu.passes import describe_training
 from pocketgs.splat.webgpu.photographs import PIXEL_BYTES, packed
@@ -216,7 +217,7 @@ class WebGpuEngine:
         description = self.executor.description
         extent = expected_extent(gaussians, coefficients, photographs, self._most_intersections)
         uniforms = sum(layout.size for layout in description.uniforms.values())
-        device = plan_memory(description, extent, self._limits).total + uniforms
+        device = plan_run(description, extent, self._limits).total + uniforms
         return MemoryNeed(DRIVER_BYTES + (device if self._shares_memory else 0), device)
 
     def _symbols(self, camera: Camera, settings: StepSettings | None = None) -> dict[str, int]:

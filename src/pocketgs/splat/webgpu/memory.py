@@ -23,8 +23,9 @@ GROWTH = 1.25
 EXPECTED_PER_GAUSSIAN, EXPECTED_PER_PIXEL = 4.0, 1.5
 """Intersections that a run's tiles' lists may come to hold: large Gaussians tile the image."""
 
-ROW_GROWTH = 1.5
-"""Room is made for so many times the Gaussians that there was room for, where there is memory for it."""
+ROW_GROWTH = 1.25
+"""Room is made for so many times the Gaussians that there was room for, where there is memory for it: a run that begins
+with four fifths of its Gaussians makes room once, and for no more than them."""
 
 MAX_REPLAY_DEPTH = 24
 """Contributions of each pixel that a replay cache has room for, memory permitting; those after them are recomputed."""
@@ -69,7 +70,6 @@ class Extent:
             "coefficients": self.coefficients,
             "intersections": self.intersections,
             "photographs": len(self.photographs),
-            "listed": 0,
         }
 
 
@@ -145,13 +145,30 @@ def plan_rows(description: Description, extent: Extent, gaussians: int, limits: 
     """
     capacity = extent.capacity
     extent = replace(extent, gaussians=gaussians, capacity=max(gaussians, capacity))
-    plan = plan_memory(description, extent, limits)
     if gaussians > capacity:
-        roomy = replace(extent, capacity=max(gaussians, int(ROW_GROWTH * capacity)))
-        with suppress(PocketGSError):
-            roomy_plan = plan_memory(description, roomy, limits)
-            if (roomy_plan.shelf, roomy_plan.replay_depth) == (plan.shelf, plan.replay_depth):
-                return roomy, roomy_plan
+        return _with_headroom(description, extent, max(gaussians, int(ROW_GROWTH * capacity)), limits)
+    return extent, plan_memory(description, extent, limits)
+
+
+def plan_run(description: Description, extent: Extent, limits: Limits) -> MemoryPlan:
+    """The most that a run may come to allocate which holds an extent at last, however it grows to it.
+
+    Raises:
+        PocketGSError: it does not fit.
+    """
+    return _with_headroom(description, extent, int(ROW_GROWTH * extent.gaussians), limits)[1]
+
+
+def _with_headroom(
+    description: Description, extent: Extent, capacity: int, limits: Limits
+) -> tuple[Extent, MemoryPlan]:
+    """An extent with room for so many Gaussians, unless that displaces something else, and its plan."""
+    plan = plan_memory(description, extent, limits)
+    roomy = replace(extent, capacity=capacity)
+    with suppress(PocketGSError):
+        roomy_plan = plan_memory(description, roomy, limits)
+        if (roomy_plan.shelf, roomy_plan.replay_depth) == (plan.shelf, plan.replay_depth):
+            return roomy, roomy_plan
     return extent, plan
 
 

@@ -102,16 +102,20 @@ TABLES = ("shape", "sh", "first_moments", "second_moments")
 """Buffers that lie column by column, with a number for every Gaussian in each column."""
 
 GATHERED = "gradients"
-"""Buffer that table rows are gathered in; free between steps."""
+"""Buffer that table rows are gathered in, and then new values written to; free between steps."""
+
+SOURCES = "row_sources"
+"""Buffer for the rows that are gathered, and then for those that new values are for."""
 
 
 def _row_sequences() -> dict[str, Sequence]:
     """Sequences that gather the rows of each table, and that set some of them."""
     sequences: dict[str, Sequence] = {}
     for table in TABLES:
-        buffers = {"table": table, "gathered": GATHERED}
-        gather = Pass(f"gather {table}", "gather_rows", "groups", buffers=buffers)
-        set_rows = Pass(f"set {table}", "set_rows", f"ceil_div(listed, {THREADS})", buffers={"table": table})
+        gathering = {"table": table, "gathered": GATHERED, "row_sources": SOURCES}
+        setting = {"table": table, "listed_values": GATHERED, "listed_rows": SOURCES}
+        gather = Pass(f"gather {table}", "gather_rows", "groups", buffers=gathering)
+        set_rows = Pass(f"set {table}", "set_rows", f"ceil_div(listed, {THREADS})", buffers=setting)
         sequences |= {gather.name: Sequence((), (gather,)), set_rows.name: Sequence((), (set_rows,))}
     return sequences
 

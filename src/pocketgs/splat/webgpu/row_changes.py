@@ -11,10 +11,9 @@ from pocketgs.gpu.sizes import Symbols
 from pocketgs.splat.parameters import ParameterLayout
 from pocketgs.splat.rows import RowChange
 from pocketgs.splat.webgpu.layout import FIRST_COLUMNS, SHAPE_COLUMNS
-from pocketgs.splat.webgpu.passes import GATHERED, TABLES
+from pocketgs.splat.webgpu.passes import GATHERED, SOURCES, TABLES
 
 MOMENTS = ("first_moments", "second_moments")
-LISTS = ("listed_rows", "listed_values")
 
 _FRESH = np.uint32(1 << 31)
 """As in `gather_rows.wgsl`."""
@@ -30,8 +29,8 @@ def gather_rows(executor: Executor, change: RowChange, before: int, symbols: Sym
         symbols: that follow from how many there will be.
         sizes: bytes of the buffers from now on.
     """
-    executor.reserve({name: sizes[name] for name in (GATHERED, "row_sources")})
-    executor.write("row_sources", np.where(change.fresh, _FRESH, np.uint32(0)) | change.sources.astype(np.uint32))
+    executor.reserve({name: sizes[name] for name in (GATHERED, SOURCES)})
+    executor.write(SOURCES, np.where(change.fresh, _FRESH, np.uint32(0)) | change.sources.astype(np.uint32))
     for table in TABLES:
         columns = _columns(table, symbols["coefficients"])
         values = {"before": before, "after": symbols["gaussians"], "columns": columns}
@@ -45,22 +44,20 @@ def set_values(executor: Executor, change: RowChange, symbols: Symbols) -> None:
     """Give parameters new values, and their moments zeros.
 
     Args:
-        executor: holds the tables, as they are after the change.
+        executor: holds the tables, as they are after the change, and buffers for as many rows.
         change: which rows, and their values.
         symbols: that follow from how many rows there are now.
     """
     layout = ParameterLayout(symbols["coefficients"])
     for name, (rows, values) in change.values.items():
         listed = {**symbols, "listed": len(rows)}
-        executor.reserve(executor.description.sizes(listed, LISTS))
-        executor.write("listed_rows", np.asarray(rows, np.uint32))
+        executor.write(SOURCES, np.asarray(rows, np.uint32))
         numbers = np.asarray(values, np.float32).reshape(len(rows), layout.group(name).numbers(layout.coefficients))
         _set(executor, "sh" if name == "sh" else "shape", 0 if name == "sh" else FIRST_COLUMNS[name], numbers, listed)
         columns = layout.columns_of(name)
         zeros = np.zeros((len(rows), columns.stop - columns.start), np.float32)
         for table in MOMENTS:
             _set(executor, table, columns.start, zeros, listed)
-    executor.reserve(executor.description.sizes(symbols, LISTS))
 
 
 _NOTHING = dict.fromkeys(("before", "after", "columns", "first_column", "listed", "clears_fresh"), 0)
@@ -69,7 +66,7 @@ _NOTHING = dict.fromkeys(("before", "after", "columns", "first_column", "listed"
 def _set(executor: Executor, table: str, first: int, numbers: np.ndarray, symbols: Symbols) -> None:
     """Set (R, columns) numbers of a table from a column on, in the listed rows."""
     values = {"after": symbols["gaussians"], "columns": numbers.shape[1], "first_column": first, "listed": len(numbers)}
-    executor.write("listed_values", np.ascontiguousarray(numbers))
+    executor.write(GATHERED, np.ascontiguousarray(numbers))
     executor.write_uniform("rows", {**_NOTHING, **values})
     executor.submit(f"set {table}", symbols)
 

@@ -36,7 +36,6 @@ export function symbolsOf(description, extent, { width, height }, structural) {
         photographs,
         photograph_pixels: photographPixels,
         replay_depth: 0,
-        listed: 0,
         width,
         height,
         structural: Number(structural),
