@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -15,7 +16,15 @@ from pocketgs.scene.background import checked_background
 from pocketgs.scene.edits import scaled, translated
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.engine import EngineOptions, OptimiserState, create_engine
-from pocketgs.splat.settings import LearningRates, StepSettings
+from pocketgs.splat.settings import (
+    AdamSettings,
+    ColourSettings,
+    Dropout,
+    LearningRates,
+    LossSettings,
+    PositionNoise,
+    StepSettings,
+)
 from pocketgs.training.options import TrainingOptions
 
 CAMERA = Camera(32, 16, 30.0, 30.0, 16.0, 8.0, np.eye(4))
@@ -110,6 +119,35 @@ def test_backgrounds(background: Any, small_capture: Capture, written_capture: A
     if background is not None:
         with expected:
             open_capture(written_capture, background=background)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: LossSettings("mse"), "loss: found 'mse', expected l2 or l1-dssim"),  # type: ignore[arg-type]
+        (lambda: LossSettings(dssim_weight=1.1), "structural share of 1.1, expected one from 0 to 1"),
+        (lambda: LossSettings(dssim_weight=float("nan")), "structural share of nan"),
+        (lambda: LossSettings(scale_weight=-1.0), "scale_weight of -1.0, expected a finite number"),
+        (lambda: LossSettings(opacity_weight=float("inf")), "opacity_weight of inf"),
+        (lambda: LossSettings(size_weight=float("nan")), "size_weight of nan"),
+        (lambda: AdamSettings(beta1=1.0), "beta1 of 1.0, expected one from 0 to below 1"),
+        (lambda: AdamSettings(beta2=-0.1), "beta2 of -0.1, expected one from 0 to below 1"),
+        (lambda: AdamSettings(epsilon=0.0), "epsilon of 0.0, expected a positive number"),
+        (lambda: replace(RATES, means=-1.0), "rate of means of -1.0"),
+        (lambda: replace(RATES, sh_rest=float("nan")), "rate of sh_rest of nan"),
+        (lambda: ColourSettings(-1e-3), "rate of colours of -0.001"),
+        (lambda: ColourSettings(1e-3, float("nan")), "weight of colours of nan"),
+        (lambda: PositionNoise(float("nan"), 0), "size of the noise of nan"),
+        (lambda: PositionNoise(1.0, -1), "noise: found the seed -1, expected 0 to 4294967295"),
+        (lambda: Dropout(0.1, 2**32), "dropout: found the seed 4294967296"),
+        (lambda: Dropout(1.0, 0), "share of 1.0, expected one from 0 to below 1"),
+        (lambda: StepSettings(RATES, sh_degree=4), "sh_degree of 4, expected 0 to 3"),
+        (lambda: StepSettings(RATES, sh_degree=-1), "sh_degree of -1, expected 0 to 3"),
+    ],
+)
+def test_settings_of_steps(make: Callable[[], object], message: str) -> None:
+    with pytest.raises(PocketGSError, match=message):
+        make()
 
 
 def test_a_background_may_be_any_three_numbers() -> None:

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, get_args
 
 from pocketgs.errors import PocketGSError
 from pocketgs.scene.background import Background, checked_background
+from pocketgs.scene.gaussians import SH_COEFFICIENTS
+
+Photometric = Literal["l2", "l1-dssim"]
+HIGHEST_SEED = 2**32 - 1
 
 
 @dataclass(frozen=True)
@@ -19,6 +24,9 @@ class LearningRates:
         rotations: radians in the Gaussian's tangent space.
         opacity_logits: logit.
         sh_dc, sh_rest: spherical-harmonics coefficients of degree 0, and above.
+
+    Raises:
+        PocketGSError: a rate is negative or not finite.
     """
 
     means: float
@@ -27,6 +35,10 @@ class LearningRates:
     opacity_logits: float
     sh_dc: float
     sh_rest: float
+
+    def __post_init__(self) -> None:
+        for name, rate in vars(self).items():
+            _check_size(f"rate of {name}", rate)
 
     def scaled(self, factor: float) -> LearningRates:
         """All rates times `factor`."""
@@ -52,13 +64,26 @@ class LossSettings:
         opacity_weight: weight of the mean over Gaussians of the opacity.
         size_weight: weight of the mean over Gaussians of the sum of their three standard deviations, in inverse units
             of length.
+
+    Raises:
+        PocketGSError: there is no such loss, the structural share is not from 0 to 1, or a weight is negative or not
+            finite.
     """
 
-    photometric: Literal["l2", "l1-dssim"] = "l1-dssim"
+    photometric: Photometric = "l1-dssim"
     dssim_weight: float = 0.2
     scale_weight: float = 0.0
     opacity_weight: float = 0.0
     size_weight: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.photometric not in get_args(Photometric):
+            expected = " or ".join(get_args(Photometric))
+            raise PocketGSError(f"loss: found {self.photometric!r}, expected {expected}")
+        if not 0.0 <= self.dssim_weight <= 1.0:
+            raise PocketGSError(f"loss: found a structural share of {self.dssim_weight}, expected one from 0 to 1")
+        for name in ("scale_weight", "opacity_weight", "size_weight"):
+            _check_size(name, getattr(self, name))
 
 
 @dataclass(frozen=True)
@@ -71,12 +96,22 @@ class AdamSettings:
         seen_only: Gaussians that a view does not see keep their parameters and moments. Otherwise they drift, and
             rarely seen ones move too far: a gradient that comes every n-th step is divided by a root mean square that
             has decayed in between.
+
+    Raises:
+        PocketGSError: a decay rate is not from 0 to below 1, or epsilon is not positive and finite.
     """
 
     beta1: float = 0.9
     beta2: float = 0.999
     epsilon: float = 1e-15
     seen_only: bool = False
+
+    def __post_init__(self) -> None:
+        for name in ("beta1", "beta2"):
+            if not 0.0 <= getattr(self, name) < 1.0:
+                raise PocketGSError(f"Adam: found a {name} of {getattr(self, name)}, expected one from 0 to below 1")
+        if not 0.0 < self.epsilon < math.inf:
+            raise PocketGSError(f"Adam: found an epsilon of {self.epsilon}, expected a positive number")
 
 
 @dataclass(frozen=True)
@@ -86,10 +121,17 @@ class ColourSettings:
     Attributes:
         rate: Adam's step size, for factors and display values.
         weight: of ‖A − I‖² + ‖b‖². The reported loss does not include this term.
+
+    Raises:
+        PocketGSError: one of them is negative or not finite.
     """
 
     rate: float
     weight: float = 0.0
+
+    def __post_init__(self) -> None:
+        _check_size("rate of colours", self.rate)
+        _check_size("weight of colours", self.weight)
 
 
 @dataclass(frozen=True)
@@ -99,10 +141,17 @@ class PositionNoise:
     Attributes:
         size: factor on Σ η, in inverse units of length.
         seed: of the noise of this step, 0 to 2³² - 1.
+
+    Raises:
+        PocketGSError: the size is negative or not finite, or the seed is out of range.
     """
 
     size: float
     seed: int
+
+    def __post_init__(self) -> None:
+        _check_size("size of the noise", self.size)
+        _check_seed("noise", self.seed)
 
 
 @dataclass(frozen=True)
@@ -114,7 +163,7 @@ class Dropout:
         seed: of this step's choice, 0 to 2³² - 1.
 
     Raises:
-        PocketGSError: the share is out of range.
+        PocketGSError: the share or the seed is out of range.
     """
 
     share: float
@@ -123,6 +172,7 @@ class Dropout:
     def __post_init__(self) -> None:
         if not 0.0 <= self.share < 1.0:
             raise PocketGSError(f"dropout: found a share of {self.share}, expected one from 0 to below 1")
+        _check_seed("dropout", self.seed)
 
     @property
     def threshold(self) -> int:
@@ -145,6 +195,9 @@ class StepSettings:
         noise: on positions, or None.
         dropout: of Gaussians, or None to draw them all.
         colours: for learning the photograph's colour transform, or None to compare rendered colours unchanged.
+
+    Raises:
+        PocketGSError: the background is not a colour, or there are no coefficients of such a degree.
     """
 
     rates: LearningRates
@@ -160,3 +213,16 @@ class StepSettings:
 
     def __post_init__(self) -> None:
         checked_background(self.background)
+        if self.sh_degree is not None and self.sh_degree not in range(len(SH_COEFFICIENTS)):
+            highest = len(SH_COEFFICIENTS) - 1
+            raise PocketGSError(f"step: found an sh_degree of {self.sh_degree}, expected 0 to {highest}")
+
+
+def _check_size(what: str, found: float) -> None:
+    if not 0.0 <= found < math.inf:
+        raise PocketGSError(f"step: found a {what} of {found}, expected a finite number that is not negative")
+
+
+def _check_seed(what: str, found: int) -> None:
+    if not 0 <= found <= HIGHEST_SEED:
+        raise PocketGSError(f"{what}: found the seed {found}, expected 0 to {HIGHEST_SEED}")
