@@ -60,6 +60,9 @@ class Camera:
         rotation = pose[:3, :3]
         if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-3 or np.linalg.det(rotation) < 0:
             raise PocketGSError("camera: the pose's upper left 3x3 block is not a rotation")
+        if np.abs(pose[3] - (0.0, 0.0, 0.0, 1.0)).max() > 1e-3:
+            found = ", ".join(map(short, pose[3].tolist()))
+            raise PocketGSError(f"camera: the pose's last row is ({found}), expected (0, 0, 0, 1): is it transposed?")
         if not isinstance(self.lens, Lens):
             raise PocketGSError(f"camera: lens is {type(self.lens).__name__}, expected a Lens")
 
@@ -166,11 +169,18 @@ class Camera:
 
 
 def look_at(eye: np.ndarray, target: np.ndarray, up: np.ndarray) -> np.ndarray:
-    """(4, 4) world_to_camera of a camera at `eye` that looks at `target` with `up` pointing up in the image."""
+    """(4, 4) world_to_camera of a camera at `eye` that looks at `target` with `up` pointing up in the image.
+
+    Raises:
+        PocketGSError: the eye is the target, or it looks along `up`.
+    """
     forward = np.asarray(target, dtype=np.float64) - eye
-    forward = forward / np.linalg.norm(forward)
     right = np.cross(forward, up)
-    right = right / np.linalg.norm(right)
+    if not np.any(forward):
+        raise PocketGSError("look at: the eye is where the target is")
+    if np.linalg.norm(right) <= 1e-12 * np.linalg.norm(forward) * np.linalg.norm(up):
+        raise PocketGSError("look at: up is parallel to the view, expected another direction")
+    forward, right = forward / np.linalg.norm(forward), right / np.linalg.norm(right)
     rotation = np.stack([right, np.cross(forward, right), forward])
     pose = np.eye(4)
     pose[:3, :3] = rotation
