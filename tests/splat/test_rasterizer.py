@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from pocketgs import Rasterizer
 from pocketgs.errors import PocketGSError
-from pocketgs.geometry.camera import Camera
+from pocketgs.geometry.camera import Camera, look_at
 from pocketgs.scene.gaussians import PARAMETERS, Gaussians
 from pocketgs.splat.rasterizer import OUTPUTS, Raster
 from pocketgs.splat.reference import project as reference_project
@@ -266,6 +266,24 @@ def test_hostile_numbers_leave_images_and_gradients_finite(engine: str, edits: l
         assert not np.any(getattr(gradient, name)[~drawn]), name
 
 
+@pytest.mark.parametrize("engine", ["cpu", "webgpu", "reference"])
+@pytest.mark.parametrize("thin", [0, 1, 2])
+def test_normals_are_those_of_a_disc_towards_the_camera(request: pytest.FixtureRequest, engine: str, thin: int) -> None:
+    """A turned disc, thin along any of its axes, from in front and from behind."""
+    if engine == "webgpu":
+        request.getfixturevalue("adapter")
+    turn = Rotation.from_euler("xyz", [20.0, 15.0, 40.0], degrees=True)
+    log_scales = np.where(np.arange(3) == thin, -6.0, [-0.5, -0.7, -0.9])[None]
+    quaternion = turn.as_quat()[[3, 0, 1, 2]][None]
+    disc = Gaussians(np.zeros((1, 3)), log_scales, quaternion, np.full(1, 6.0), np.zeros((1, 1, 3)))
+    axis = turn.as_matrix()[:, thin]
+    for eye in (4.0 * axis, -4.0 * axis):
+        pose = look_at(eye, np.zeros(3), np.array([0.1, -1.0, 0.3]))
+        seen = shared(engine).forward(disc, Camera(21, 21, 40.0, 40.0, 10.5, 10.5, pose), ("normals", "alpha"))
+        assert seen.alpha[10, 10] > 0.9
+        np.testing.assert_allclose(seen.normals[10, 10], seen.alpha[10, 10] * eye / 4.0, atol=1e-5)
+
+
 def test_a_diverged_colour_hides_nothing_in_other_outputs(
     engine: str, camera: Camera, make_gaussians: MakeGaussians
 ) -> None:
@@ -297,7 +315,12 @@ def test_mistakes_are_named(camera: Camera, make_gaussians: MakeGaussians) -> No
         rasterizer.forward(gaussians, camera, ("features",))
     with pytest.raises(PocketGSError, match=r"shape \(3, 2\), expected \(4, D\)"):
         rasterizer.forward(gaussians, camera, ("features",), features=np.ones((3, 2)))
-    raster = rasterizer.forward(gaussians, camera)
+    for near in (-0.1, float("nan"), float("inf")):
+        with pytest.raises(PocketGSError, match=f"near plane at {near}, expected a depth of at least 0"):
+            rasterizer.forward(gaussians, camera, near=near)
+        with pytest.raises(PocketGSError, match="near plane"):
+            rasterizer.contributions(gaussians, [camera], near=near)
+    raster = rasterizer.forward(gaussians, camera, near=0.0)
     with pytest.raises(PocketGSError, match="gradient of depth, which was not among the outputs"):
         rasterizer.backward(raster, depth=np.zeros((29, 37)))
     with pytest.raises(PocketGSError, match=r"gradient of rgb has shape \(29, 37\), expected \(29, 37, 3\)"):

@@ -10,6 +10,7 @@ Engines implement `Backend` of `splat/backend.py`.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
@@ -167,20 +168,22 @@ class Rasterizer:
             outputs: any of OUTPUTS; see `Raster`.
             features: (N, D), any D, for the output "features": features, or colours computed elsewhere.
             background: RGB behind the scene, for the output "rgb".
-            near: minimum depth of the centre of a drawn Gaussian; None for the default relative to the scene.
+            near: minimum depth of the centre of a drawn Gaussian, at least 0; None for the default relative to the
+                scene.
             antialiased: whether Gaussians smaller than a pixel fade instead of becoming more opaque: opacities are
                 multiplied by √(det Σ / det(Σ + 0.3 I)), as gsplat's rasterize_mode "antialiased" and Mip-Splatting's 2D
                 filter.
 
         Raises:
-            PocketGSError: an output is unknown or not of this compositor, or features do not have one row per Gaussian.
+            PocketGSError: an output is unknown or not of this compositor, features do not have one row per Gaussian, or
+                the near plane is negative or not finite.
         """
         unknown = [name for name in outputs if name not in OUTPUTS]
         if unknown:
             raise PocketGSError(f"rasterizer: found output {unknown[0]!r}, expected some of {', '.join(OUTPUTS)}")
         self._check_occlusion(outputs)
         channels = channels_of(parameters, camera, outputs, features, self._backend.dtype)
-        near = near_plane(parameters.means) if near is None else near
+        near = near_plane(parameters.means) if near is None else _checked_near(near)
         composite = self._backend.forward(
             parameters, camera, near, channels.rgb is not None, channels.values, antialiased
         )
@@ -215,10 +218,10 @@ class Rasterizer:
             near: as for `forward`.
 
         Raises:
-            PocketGSError: the compositor is not "over".
+            PocketGSError: the compositor is not "over", or the near plane is negative or not finite.
         """
         self._check_occlusion(["contributions"])
-        near = near_plane(parameters.means) if near is None else near
+        near = near_plane(parameters.means) if near is None else _checked_near(near)
         return self._backend.contributions(parameters, cameras, near)
 
     def _check_occlusion(self, outputs: Sequence[Output]) -> None:
@@ -289,6 +292,12 @@ class Rasterizer:
             found.centres,
             found.absolute_centres if absolute else None,
         )
+
+
+def _checked_near(near: float) -> float:
+    if not 0.0 <= near < math.inf:
+        raise PocketGSError(f"rasterizer: found a near plane at {near}, expected a depth of at least 0")
+    return near
 
 
 def _scattered(count: int, rows: np.ndarray, values: np.ndarray) -> np.ndarray:
