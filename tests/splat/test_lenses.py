@@ -12,12 +12,13 @@ from hypothesis import strategies as st
 
 from pocketgs import Rasterizer
 from pocketgs.geometry.camera import Camera, look_at
-from pocketgs.geometry.lens import Lens
+from pocketgs.geometry.lens import Lens, largest_angle, least_radii
 from pocketgs.scene.gaussians import PARAMETERS, Gaussians
 from pocketgs.splat.cpu.clusters import Clusters
 from pocketgs.splat.cpu.layout import CLUSTER, View
 from pocketgs.splat.cpu.lenses.lens import kernel_lens
 from pocketgs.splat.engine import EngineName, EngineOptions, create_engine
+from pocketgs.splat.lens_bounds import least_radius_per_radian, stretch
 from pocketgs.splat.rasterizer import Raster, RasterGradient
 from pocketgs.splat.reference import project as reference_project
 from pocketgs.splat.reference import rasterize as reference_rasterize
@@ -25,6 +26,8 @@ from pocketgs.splat.reference.lenses import linearised
 from pocketgs.splat.reference.project import project
 from pocketgs.splat.reference.scene import Scene
 from pocketgs.splat.settings import LossSettings, StepSettings
+from pocketgs.splat.slope_limits import _through as slope_limits_through
+from pocketgs.splat.slope_limits import slope_limits
 from splat.test_clusters import a_camera, around
 from splat.test_rasterizer import moved
 from splat.training_step import BACKGROUND, RATES, begin, columns, photograph, reference_step
@@ -214,6 +217,21 @@ def test_what_is_visible_is_in_a_cluster_in_view(name: str, seed: int) -> None:
     found = Clusters(len(scene)).in_view(scene, View.of(camera), kernel_lens(camera), near, 2)
     visible = np.flatnonzero(project(Scene.of(scene), camera, near).visible)
     assert np.isin(visible // CLUSTER, found).all()
+
+
+def test_bounds_of_every_views_lens_are_kept() -> None:
+    views = [
+        replace(Camera(64, 48, 40.0, 40.0, 32.0, 24.0, np.eye(4)), lens=Lens("opencv", (-1e-4 * i, 0.0, 0.0, 0.0)))
+        for i in range(1, 151)
+    ]
+    kept = (largest_angle, least_radii, stretch, least_radius_per_radian, slope_limits_through)
+    misses = []
+    for _ in range(3):
+        for view in views:
+            stretch(view.lens, *(tuple(map(float, ends)) for ends in slope_limits(view)))
+            least_radius_per_radian(view.lens)
+        misses.append([function.cache_info().misses for function in kept])
+    assert misses[0] == misses[1] == misses[2]
 
 
 def test_a_lens_needs_hardly_more_clusters_than_a_pinhole() -> None:

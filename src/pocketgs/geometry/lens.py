@@ -26,6 +26,10 @@ MAX_FISHEYE_ANGLE = math.radians(170)
 # Maximum step of a point in `undistort`, in radians off axis.
 MAX_STEP = 0.2
 
+KEPT_LENSES = 2048
+"""Lenses whose bounds are kept, at 32 KB each: every view of a capture may have one of its own, and bounds take longer
+than a step."""
+
 _ANGLES, _DIRECTIONS = 2048, 32
 """Number of angles off axis, and of directions, at which a lens is sampled to find where its polynomial folds."""
 
@@ -116,7 +120,7 @@ def unproject(lens: Lens, points: np.ndarray) -> np.ndarray:
     return np.column_stack([seen, np.ones(len(seen))])
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=KEPT_LENSES)
 def largest_angle(lens: Lens) -> float:
     """Maximum angle off axis, in radians, up to which a lens is one-to-one.
 
@@ -146,7 +150,7 @@ def _fan() -> tuple[np.ndarray, np.ndarray]:
     return angles, (around[:, None, :] * np.tan(angles)[None, :, None]).reshape(-1, 2)
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=KEPT_LENSES)
 def least_radii(lens: Lens) -> tuple[np.ndarray, np.ndarray]:
     """(A,) ascending angles off axis, and (A,) the minimum distorted radius of points beyond each."""
     limit = largest_angle(lens)

@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from pocketgs.geometry.lens import Lens, distort, fisheye_radius, largest_angle, least_radii
+from pocketgs.geometry.lens import KEPT_LENSES, Lens, distort, fisheye_radius, largest_angle, least_radii
 
 SLACK = 0.02
 """Relative margin for extrema of a lens between samples."""
@@ -15,7 +15,7 @@ SLACK = 0.02
 Pair = tuple[float, float]
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=KEPT_LENSES)
 def stretch(lens: Lens, low: Pair, high: Pair) -> float:
     """Maximum length on the image plane of a unit of length, at depth 1, wherever the Jacobian is evaluated.
 
@@ -42,7 +42,7 @@ def stretch(lens: Lens, low: Pair, high: Pair) -> float:
     return float((1.0 + SLACK) * norms.max())
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=KEPT_LENSES)
 def least_radius_per_radian(lens: Lens) -> float:
     """Minimum distance from the principal point, in focal lengths, of what lies beyond an angle, over that angle."""
     angles, radii = least_radii(lens)

@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 
 from pocketgs.geometry.camera import Camera
-from pocketgs.geometry.lens import Lens, undistort
+from pocketgs.geometry.lens import KEPT_LENSES, Lens, undistort
 from pocketgs.splat.constants import FRUSTUM_MARGIN
 
 _SAMPLES = 17
@@ -26,7 +26,7 @@ def slope_limits(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     return _through(camera.lens, tuple(low), tuple(high))
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=KEPT_LENSES)
 def _through(lens: Lens, low: tuple[float, float], high: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
     """Minimum and maximum of the undistorted coordinates of a rectangle."""
     sides = [np.linspace(*ends, _SAMPLES) for ends in zip(low, high, strict=True)]
