@@ -105,6 +105,12 @@ def test_orbit_around_a_given_focus() -> None:
     assert_looking_at(orbit(grid(), 5, focus), focus)
 
 
+def test_a_focus_where_a_camera_is() -> None:
+    cameras = ring(np.linspace(0, 2 * np.pi, 8, endpoint=False))
+    with pytest.raises(PocketGSError, match="camera 3 is at the focus"):
+        orbit(cameras, 5, cameras[3].centre)
+
+
 def test_orbit_of_one_camera_sways() -> None:
     camera = camera_at(np.zeros(3), TARGET)
     eyes = np.array([made.centre for made in orbit([camera], 8)])

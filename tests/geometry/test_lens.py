@@ -73,6 +73,22 @@ def test_what_lies_beyond_the_fold_has_no_depth() -> None:
     assert largest_angle(Lens("opencv", (0.1, 0.02, 0.0, 0.0))) == math.pi / 2
 
 
+@pytest.mark.parametrize(
+    "lens",
+    [
+        Lens("opencv", (-1e9, 0.0, 0.0, 0.0)),
+        Lens("opencv", (0.0, 0.0, 1e6, 0.0)),
+        Lens("fisheye", (-1e9, 0.0, 0.0, 0.0)),
+    ],
+)
+def test_a_lens_that_folds_at_its_middle_has_no_image(lens: Lens) -> None:
+    camera = Camera(100, 100, 50.0, 50.0, 50.0, 50.0, np.eye(4), lens)
+    points, pixels = np.ones((1, 3)), np.ones((1, 2))
+    for use in (lambda: largest_angle(lens), lambda: camera.project(points), lambda: camera.rays(pixels)):
+        with pytest.raises(PocketGSError, match="fold the image back at its middle"):
+            use()
+
+
 @pytest.mark.parametrize("name", LENSES)
 def test_resizing_and_cropping_keep_the_lens(name: str) -> None:
     camera = seen_through(name)

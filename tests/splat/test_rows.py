@@ -123,6 +123,13 @@ def engine_with(scene: Gaussians, camera: Camera, state: OptimiserState | None =
     return engine
 
 
+def test_rows_of_an_empty_scene(make_gaussians: MakeGaussians) -> None:
+    store = ParameterStore(make_gaussians(count=0))
+    store.change_rows(RowChange.of_values(0, {}))
+    assert store.count == 0
+    assert store.scene.sh.shape == (0, 16, 3)
+
+
 def test_training_goes_on_as_if_the_changed_scene_had_been_uploaded(make_gaussians: MakeGaussians) -> None:
     camera = camera_in_front(40, 30, 40.0)
     engine = engine_with(make_gaussians(count=50, sh_degree=1), camera)

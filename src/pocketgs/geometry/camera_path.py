@@ -38,7 +38,7 @@ def orbit(cameras: Sequence[Camera], count: int, focus: np.ndarray | None = None
         `count` cameras with the size and intrinsics of the first one given.
 
     Raises:
-        PocketGSError: there are no cameras or `count` is not positive.
+        PocketGSError: there are no cameras, `count` is not positive, or a camera is at the focus.
     """
     _check(cameras, count)
     target = focus_point(cameras) if focus is None else np.asarray(focus, dtype=np.float64)
@@ -47,6 +47,8 @@ def orbit(cameras: Sequence[Camera], count: int, focus: np.ndarray | None = None
     frame = _frame_about(cameras, target)
     offsets = (np.array([camera.centre for camera in cameras]) - target) @ frame.T
     distance = np.linalg.norm(offsets, axis=1)
+    if not distance.all():
+        raise PocketGSError(f"camera path: camera {np.argmin(distance)} is at the focus, expected another focus")
     azimuth = np.arctan2(offsets[:, 1], offsets[:, 0])
     elevation = np.arcsin(np.clip(offsets[:, 2] / distance, -1, 1))
     turn = 2 * np.pi * np.arange(count) / count

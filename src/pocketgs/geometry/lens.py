@@ -125,7 +125,18 @@ def largest_angle(lens: Lens) -> float:
     """Maximum angle off axis, in radians, up to which a lens is one-to-one.
 
     Beyond it the polynomial folds back, or for a fisheye nothing is visible.
+
+    Raises:
+        PocketGSError: it folds back at the optical axis, so that it has no image.
     """
+    angle = _fold(lens)
+    if angle == 0.0:
+        raise PocketGSError(f"lens: coefficients {lens.coefficients} fold the image back at its middle")
+    return angle
+
+
+def _fold(lens: Lens) -> float:
+    """(radians) `largest_angle`, or 0 if there is none."""
     if lens.model == "fisheye":
         angles = np.linspace(0.0, MAX_FISHEYE_ANGLE, _ANGLES)
         rises = np.diff(fisheye_radius(lens, angles)) > 0
@@ -139,7 +150,10 @@ def largest_angle(lens: Lens) -> float:
         # middle.
         sound = _unfolded(jacobian) & (np.sum(values * points, axis=1) > 0)
     sound = sound.reshape(_DIRECTIONS, -1).all(axis=0)
-    return math.pi / 2 if sound.all() else float(angles[max(int(np.argmin(sound)) - 1, 0)])
+    if sound.all():
+        return math.pi / 2
+    last = int(np.argmin(sound)) - 1
+    return float(angles[last]) if last > 0 else 0.0
 
 
 def _fan() -> tuple[np.ndarray, np.ndarray]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from pocketgs.scene.gaussians import Gaussians
@@ -86,7 +88,7 @@ class ParameterStore:
 
     def _gather(self, array: np.ndarray, sources: np.ndarray) -> None:
         """Copy the source rows to the first ones, using the gradients' memory, which is free between steps."""
-        rows = array.reshape(self.capacity, -1)
+        rows = array.reshape(self.capacity, math.prod(array.shape[1:]))
         size = len(sources) * rows.shape[1]
         gathered = self._gradients.reshape(-1)[:size].reshape(len(sources), rows.shape[1])
         np.take(rows, sources, axis=0, out=gathered, mode="clip")  # indices are checked; "raise" would buffer
