@@ -19,6 +19,7 @@ from pocketgs.splat.cpu.layout import CLUSTER, View
 from pocketgs.splat.cpu.lenses.lens import kernel_lens
 from pocketgs.splat.engine import EngineName, EngineOptions, create_engine
 from pocketgs.splat.lens_bounds import least_radius_per_radian, stretch
+from pocketgs.splat.near_plane import near_plane
 from pocketgs.splat.rasterizer import Raster, RasterGradient
 from pocketgs.splat.reference import project as reference_project
 from pocketgs.splat.reference import rasterize as reference_rasterize
@@ -217,6 +218,45 @@ def test_what_is_visible_is_in_a_cluster_in_view(name: str, seed: int) -> None:
     found = Clusters(len(scene)).in_view(scene, View.of(camera), kernel_lens(camera), near, 2)
     visible = np.flatnonzero(project(Scene.of(scene), camera, near).visible)
     assert np.isin(visible // CLUSTER, found).all()
+
+
+CULLED_THROUGH = {
+    "fisheye": Lens("fisheye", (0.0, 0.0, 0.0, 0.0)),
+    "bent fisheye": LENSES["fisheye"],
+    "opencv": Lens("opencv", (-0.1, 0.01, 0.0, 0.0)),
+    "wide opencv": Lens("opencv", (-0.01, 0.0, 0.0, 0.0)),
+}
+
+
+def at_a_corner(name: str, copies: int) -> tuple[Gaussians, Camera, np.ndarray]:
+    """Gaussians whose directions move out through a corner of the view, where bounds of a lens are tightest.
+
+    Returns:
+        800 Gaussians, each so many times that it is a cluster of its own; the camera; and (800,) bool, whether the
+        reference draws each.
+    """
+    camera = Camera(64, 48, 25.0, 25.0, 32.0, 24.0, np.eye(4), CULLED_THROUGH[name])
+    rng, count = np.random.default_rng(0), 800
+    angles = np.linspace(0.0, 1.5 if camera.lens.model == "opencv" else 2.9, count)
+    across = np.array([0.8, 0.6]) * rng.choice([-1.0, 1.0], (count, 2))
+    scene = Gaussians(
+        5.0 * np.column_stack([np.sin(angles)[:, None] * across, np.cos(angles)]),
+        np.repeat(rng.choice([-8.0, -2.0, -1.0, 0.0], (count, 1)), 3, axis=1),
+        rng.normal(size=(count, 4)),
+        np.full(count, 6.0),
+        np.zeros((count, 1, 3)),
+    )
+    visible = project(Scene.of(scene), camera).visible
+    return scene.select(np.repeat(np.arange(count), copies)), camera, visible
+
+
+@pytest.mark.parametrize("name", CULLED_THROUGH)
+def test_culling_through_a_lens_loses_nothing_at_a_corner(name: str) -> None:
+    scene, camera, visible = at_a_corner(name, CLUSTER)
+    clusters = Clusters(len(scene)).in_view(scene, View.of(camera), kernel_lens(camera), near_plane(scene.means), 2)
+    found = np.isin(np.arange(len(visible)), clusters)
+    assert not np.any(visible & ~found)
+    assert found.mean() < 0.95
 
 
 def test_bounds_of_every_views_lens_are_kept() -> None:

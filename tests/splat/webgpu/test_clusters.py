@@ -15,7 +15,7 @@ from pocketgs.splat.engine import EngineOptions
 from pocketgs.splat.settings import AdamSettings, LossSettings, PositionNoise
 from pocketgs.splat.webgpu.engine import WebGpuEngine
 from splat.test_clusters import FAST, a_camera, around
-from splat.test_lenses import BENT, through
+from splat.test_lenses import BENT, CULLED_THROUGH, at_a_corner, through
 from splat.training_step import assert_identical, begin, photograph
 from splat.webgpu.variants import shared_engine
 
@@ -93,6 +93,14 @@ def test_no_bits_of_a_rendering_change(lens: str, seed: int) -> None:
     whole = engine.render(camera)
     assert in_view(engine).all()
     np.testing.assert_array_equal(culled.image, whole.image)
+
+
+@pytest.mark.parametrize("name", CULLED_THROUGH)
+def test_culling_through_a_lens_loses_nothing_at_a_corner(name: str) -> None:
+    scene, camera, visible = at_a_corner(name, THREADS)
+    engine = begin(shared_engine(ENGINE), scene)
+    engine.render(camera)
+    assert not np.any(visible & ~in_view(engine))
 
 
 def test_numbers_that_are_none_do_not_widen_bounds() -> None:
