@@ -9,7 +9,8 @@ from pocketgs.splat.cpu.statistics import STATISTICS
 from pocketgs.splat.parameters import FLOAT_BYTES, ParameterLayout
 
 INTERSECTIONS_PER_GAUSSIAN, INTERSECTIONS_PER_PIXEL = 2.5, 0.9
-"""Tile intersections per Gaussian and per pixel, measured maxima: large Gaussians cover the image."""
+"""Tile intersections per Gaussian and per pixel: large Gaussians cover the image. Trained scenes have 84 to 108 % of
+what follows from these; the reserve of a quarter covers the rest."""
 
 INTERSECTION_BYTES = 2 * 5 * INTERSECTION_FIELDS + 5 * 16
 """The intersection, listed and distributed, and its 16 sums of 4 bytes each, with a quarter of reserve."""
