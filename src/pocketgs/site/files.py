@@ -59,7 +59,7 @@ SHARED = (
 """Of the viewer's files, those that the page uses."""
 
 SEQUENCES = ("render", "step")
-NEVER = ("learn colours", "collect statistics", "regularise")
+NEVER = ("collect statistics", "regularise")
 """Passes that no step of the page's recipe has."""
 
 COMMENT, LINE_BREAK = re.compile("//[^\n]*"), re.compile(r"\s*\n\s*")

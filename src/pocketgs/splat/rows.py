@@ -39,9 +39,11 @@ class Statistics:
     Attributes:
         screen_gradients: (N,) float32, summed norm of the loss's gradient with respect to the 2D mean, in half the
             image's width and height as in 3DGS.
-        seen: (N,) float32, number of steps whose view showed it.
+        seen: (N,) float32, number of steps whose view showed it: on the CPU, where its bounds on the image contain a
+            pixel's centre; on a GPU, where its ellipse reaches a tile, which a few of these do not.
         radii: (N,) float32, maximum radius on an image, three standard deviations, relative to the longer side.
-        errors: (N,) float32, summed α T |rendered - photograph| over the pixels of steps with `StepSettings.errors`.
+        errors: (N,) float32, summed α T |rendered - photograph| over the pixels of steps with `StepSettings.errors`,
+            before their updates.
     """
 
     screen_gradients: np.ndarray

@@ -158,7 +158,6 @@ def given_numbers(scene: Gaussians, camera: Camera) -> dict[str, int]:
         "replay_depth": 32,
         "regularised": 1,
         "collecting": 1,
-        "colours_learned": 0,
         "photographs": 1,
         "listed": 0,
         "structural": 1,

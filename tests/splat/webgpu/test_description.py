@@ -39,7 +39,6 @@ CASE = {
     "structural": 1,
     "regularised": 0,
     "collecting": 1,
-    "colours_learned": 0,
     "photographs": 1,
     "listed": 300,
     "drawn_tiles": 70,

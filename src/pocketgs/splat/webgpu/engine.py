@@ -232,7 +232,6 @@ class WebGpuEngine:
                 "structural": int(settings is not None and structural_share(settings, camera) > 0.0),
                 "regularised": int(settings is not None and is_regularised(settings)),
                 "collecting": int(settings is not None and settings.statistics),
-                "colours_learned": int(settings is not None and settings.colours is not None),
             }
         )
 
@@ -272,6 +271,8 @@ class WebGpuEngine:
         self.executor.submit("step", symbols)
         if settings.errors:
             self.executor.submit("errors", symbols)
+        if settings.colours is not None:
+            self.executor.submit("learn colours", symbols)
         self._ahead.add(step)
 
     def _settle(self) -> None:

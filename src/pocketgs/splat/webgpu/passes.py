@@ -74,7 +74,6 @@ def _step(variant: Variant) -> Sequence:
             Pass("rasterize", "rasterize_for_replay", "tiles", buffers=SORTED),
             Pass("dssim", "dssim", "patches", when="structural"),
             Pass("loss", "loss", "patches"),
-            Pass("learn colours", "learn_colours", "1", when="colours_learned"),
             *replayed,
             Pass("project backward", "project_backward", "groups"),
             Pass("collect statistics", "collect_statistics", "groups", when="collecting"),
@@ -83,6 +82,10 @@ def _step(variant: Variant) -> Sequence:
             Pass("sum loss", "sum_loss", "1"),
         ),
     )
+
+
+# After the errors, which are those before the update.
+_LEARN_COLOURS = Sequence((), (Pass("learn colours", "learn_colours", "1"),))
 
 
 def _errors(variant: Variant) -> Sequence:
@@ -137,10 +140,11 @@ def describe_training(variant: Variant) -> Description:
     """Describe rendering and training of sorted splats.
 
     The numbers that the expressions are computed from: those of `describe_rendering`, photographs, photograph_pixels,
-    replay_depth, listed (rows to set), structural, regularised, collecting and colours_learned (0 or 1).
+    replay_depth, listed (rows to set), structural, regularised and collecting (0 or 1).
     """
     assert (variant.appearance, variant.weights) == ("splats", None), variant
-    sequences = {"step": _step(variant), "errors": _errors(variant), **_row_sequences()}
+    step = {"step": _step(variant), "errors": _errors(variant), "learn colours": _LEARN_COLOURS}
+    sequences = step | _row_sequences()
     buffers = rendering_buffers(variant) | training_buffers(variant)
     described = _described(variant, buffers, _rendering_sequences(variant) | sequences)
     structs = {"update": ("Update", "adam"), "rows": ("Rows", "gather_rows")}

@@ -41,7 +41,6 @@ export function symbolsOf(description, extent, { width, height }, structural) {
         structural: Number(structural),
         regularised: 0,
         collecting: 0,
-        colours_learned: 0,
     });
 }
 

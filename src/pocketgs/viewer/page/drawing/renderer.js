@@ -314,10 +314,8 @@ function symbolsOf(description, [width, height], { count, coefficients, weightin
         replay_depth: 0,
         structural: 0,
         regularised: 0,
-        colours_learned: 0,
         photographs: 0,
         collecting: 0,
-        listed: 0,
     });
 }
 
