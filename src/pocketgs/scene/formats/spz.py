@@ -23,6 +23,7 @@ from pocketgs.scene.formats.coarseness import warn_if_coarse
 from pocketgs.scene.formats.spz_arrangement import rearranged
 from pocketgs.scene.formats.spz_attributes import MAX_FIXED, Layout, fractional_bits_for, pack, unpack
 from pocketgs.scene.formats.spz_precision import FINE, Precision
+from pocketgs.scene.formats.spz_range import exceeds_range, warn_of_range
 from pocketgs.scene.gaussians import Gaussians
 
 if sys.version_info >= (3, 14):
@@ -87,7 +88,7 @@ class Stored:
 
 
 def write_gaussians(path: Path, gaussians: Gaussians, version: Version = CURRENT, precision: Precision = FINE) -> None:
-    """Write a scene atomically; warn if its centres are rounded coarsely.
+    """Write a scene atomically; warn if its sizes exceed the format's, or else if its centres are rounded coarsely.
 
     Raises:
         PocketGSError: the scene is empty, holds NaN or infinity or is too large, or the file cannot be written.
@@ -95,7 +96,10 @@ def write_gaussians(path: Path, gaussians: Gaussians, version: Version = CURRENT
     contents = encode(gaussians, version, precision, path)
     bits = fractional_bits_for(gaussians, precision)
     assert bits is not None
-    warn_if_coarse(path, gaussians, 2.0**-bits)
+    if exceeds_range(gaussians):
+        warn_of_range(path, gaussians)
+    else:
+        warn_if_coarse(path, gaussians, 2.0**-bits)
     with replacing(path) as partial:
         partial.write_bytes(contents)
 
