@@ -42,3 +42,13 @@ def test_no_warning_where_nothing_is_rounded(tmp_path: Path) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         write_scene(tmp_path / "whole.pgs", scene)
+
+
+@pytest.mark.parametrize("suffix", [".pgs", ".spz"])
+def test_needles_are_as_small_as_they_are_wide(tmp_path: Path, suffix: str) -> None:
+    """Trained Gaussians are often several times as long as wide: across, a step of their length shows."""
+    scene = with_floater(4e4)
+    scene.log_scales[:, 0] = np.log(0.1)
+    scene.log_scales[:, 2] = np.log(0.001)
+    with pytest.warns(SceneWarning, match="half of the Gaussians are smaller than 0.01:"):
+        write_scene(tmp_path / f"far{suffix}", scene)
