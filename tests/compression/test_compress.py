@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from pocketgs.capture import Capture
+from pocketgs.cli.compression_table import figures_table
 from pocketgs.compression import candidates
 from pocketgs.compression.bound import QualityBound
 from pocketgs.compression.compress import compress
@@ -21,6 +22,7 @@ from pocketgs.compression.searches import GRIDS
 from pocketgs.compression.spz_file import as_spz
 from pocketgs.compression.views import Views, cameras_around, photographed, rendered
 from pocketgs.errors import PocketGSError
+from pocketgs.scene.edits import scaled
 from pocketgs.scene.formats.pgs import encode
 from pocketgs.scene.formats.pgs_coding import FINE, Coding
 from pocketgs.scene.formats.pgs_rounding import rounded as rounded_scene
@@ -111,14 +113,40 @@ def test_grids_are_tried_once(scene: Gaussians, views: Views, engine: Engine, mo
     assert sum(len(each.scene) == len(scene) for each in found.candidates) <= 2, "rounded finely, and as all candidates"
 
 
-def test_a_scene_too_large_for_spz(scene: Gaussians, views: Views, engine: Engine) -> None:
+@pytest.mark.parametrize("units", [1e3, 1e-4])
+def test_the_unit_of_length_does_not_matter(
+    scene: Gaussians, engine: Engine, units: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nor that a .spz cuts sizes of such units, whose quality is the bound without a capture."""
+    monkeypatch.setattr("pocketgs.compression.views.SIDE", 96)
+    counts = []
+    for each in (scene, scaled(scene, units)):
+        found = compress(each, rendered(each, cameras_around(each), engine, (0.0, 0.0, 0.0)), engine)
+        assert found.within_bound
+        counts.append(found.chosen.count)
+    assert counts[1] == pytest.approx(counts[0], rel=0.15)
+
+
+@pytest.mark.parametrize("distance", [1e7, 1e30])
+def test_a_scene_too_large_for_spz(scene: Gaussians, views: Views, engine: Engine, distance: float) -> None:
+    """In any unit of length: centres would be coarse, or too large."""
     means = scene.means.copy()
-    means[0] = 1e7
+    means[0] = distance
     far = replace(scene, means=means)
     assert as_spz(far) is None
     own = rendered(far, {frame.name: frame.camera for frame in views.train}, engine, views.background)
-    with pytest.raises(PocketGSError, match=r"too large for a \.spz.* expected the capture, or --size"):
+    with pytest.raises(PocketGSError, match=r"more than a \.spz can hold.* expected the capture, or --size"):
         compress(far, own, engine)
+
+
+@pytest.mark.parametrize(("seconds", "is_written"), [(0.01, False), (600.0, True), (None, True)])
+def test_a_spz_is_written_for_the_table_if_there_is_time(
+    scene: Gaussians, views: Views, engine: Engine, seconds: float | None, is_written: bool
+) -> None:
+    found = compress(scene, views, engine, CompressionOptions(quality=3.0), seconds=seconds)
+    assert (found.seconds_left > 0) == is_written
+    _, spz, *_ = figures_table(scene, 1, found, engine, views)
+    assert (spz.name, spz.megabytes is not None) == (".spz", is_written)
 
 
 def test_a_size_that_all_gaussians_with_a_codebook_do_not_fill(scene: Gaussians, views: Views, engine: Engine) -> None:

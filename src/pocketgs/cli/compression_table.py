@@ -9,6 +9,7 @@ from rich.table import Table
 from pocketgs.cli.terminal import Terminal
 from pocketgs.compression.compress import Compressed
 from pocketgs.compression.figures import Figures, figures_of
+from pocketgs.compression.spz_file import WRITING_SECONDS, as_spz
 from pocketgs.compression.views import Views
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.engine import Engine
@@ -17,7 +18,7 @@ ORIGINAL, SPZ, TRIED, CHOSEN = "original", ".spz", ".pgs, tried", ".pgs, written
 
 
 def figures_table(original: Gaussians, size: int, found: Compressed, engine: Engine, views: Views) -> list[Figures]:
-    """Figures of the original, of a .spz, and of all candidates, largest first.
+    """Figures of the original, of a .spz if there is time to write one, and of all candidates, largest first.
 
     Args:
         original: the scene, see `drawable`.
@@ -26,7 +27,7 @@ def figures_table(original: Gaussians, size: int, found: Compressed, engine: Eng
         engine: renders.
         views: of the compression.
     """
-    spz = found.spz
+    spz = as_spz(original) if found.seconds_left >= WRITING_SECONDS * len(original) else None
     rows = [
         figures_of(ORIGINAL, original, size, engine, views),
         figures_of(SPZ, spz.scene, spz.bytes, engine, views) if spz else Figures(SPZ, len(original), None),

@@ -12,7 +12,7 @@ from pocketgs.compression.judgement import Judge
 from pocketgs.compression.options import QUALITY, CompressionOptions
 from pocketgs.compression.pruning import Pruner
 from pocketgs.compression.searches import search_by_size, search_on_photographs, search_on_renderings
-from pocketgs.compression.spz_file import SpzFile, as_spz
+from pocketgs.compression.spz_file import rounded_as_spz
 from pocketgs.compression.timekeeper import StoppedError, Timekeeper
 from pocketgs.compression.views import Views
 from pocketgs.errors import PocketGSError
@@ -43,8 +43,8 @@ TABLE_ROWS = CANDIDATES + 3
 """Approximate number of scenes in the final comparison: candidates, one on fine grids, original, .spz."""
 
 COPIES = 24
-"""Number of scenes in memory: five from rounds of pruning, ten before rounding, the .spz, those in work, and while
-masks are trained the optimiser's and the gradients."""
+"""Number of scenes in memory: five from rounds of pruning, ten before rounding, one as a .spz holds it, those in work,
+and while masks are trained the optimiser's and the gradients."""
 
 
 @dataclass(frozen=True)
@@ -55,16 +55,16 @@ class Compressed:
         chosen: the best candidate.
         candidates: all, in the order in which they were made.
         original_psnr: PSNR of the original in dB, comparable with the candidates'.
-        spz: the original as a .spz, for comparison; None if that cannot store it.
         bound: that the search was for.
+        seconds_left: of the time limit; infinite without one.
         interrupted: whether Ctrl-C ended the search.
     """
 
     chosen: Candidate
     candidates: list[Candidate]
     original_psnr: float
-    spz: SpzFile | None
     bound: Bound
+    seconds_left: float
     interrupted: bool
 
     @property
@@ -108,8 +108,7 @@ def compress(
         rendering = max(timekeeper.elapsed(), 1e-3) / judge.renderings
         timekeeper.first_speed = 1.0 / (STEP * rendering)
         timekeeper.reserve(TABLE_ROWS * len(views.reported) * rendering)
-        spz = as_spz(scene)
-        bound = _bound(spz, views, judge, options)
+        bound = _bound(scene, views, judge, options)
         tuner = FineTuner(engine, views.train, views.background, scene, options.seed, timekeeper.step)
         cameras = [frame.camera for frame in views.train]
         pruner = Pruner(tuner, cameras, options.prune, rasterizer or Rasterizer("cpu"))
@@ -127,7 +126,14 @@ def compress(
                 raise
             warn(f"compression: the search ended early: {error}")
     candidates = workshop.candidates
-    return Compressed(bound.best(candidates), candidates, judge.original_psnr, spz, bound, interrupt.requested)
+    return Compressed(
+        bound.best(candidates),
+        candidates,
+        judge.original_psnr,
+        bound,
+        timekeeper.seconds_left(),
+        interrupt.requested,
+    )
 
 
 def memory_needed(scene: Gaussians, cameras: Iterable[Camera], engine: Engine) -> int:
@@ -143,21 +149,23 @@ def memory_needed(scene: Gaussians, cameras: Iterable[Camera], engine: Engine) -
     return engine.memory_needed(len(scene), scene.sh.shape[1], sizes).process + COPIES * of_scene
 
 
-def _bound(spz: SpzFile | None, views: Views, judge: Judge, options: CompressionOptions) -> SizeBound | QualityBound:
+def _bound(scene: Gaussians, views: Views, judge: Judge, options: CompressionOptions) -> SizeBound | QualityBound:
     """The bound that the options ask for.
 
     Raises:
-        PocketGSError: it would be the quality of a .spz, which cannot store the scene.
+        PocketGSError: it would be the quality of a .spz, which cannot hold the scene in any unit of length.
     """
     if options.size is not None:
         return SizeBound(options.size)
     if views.photographs:
         allowed = QUALITY if options.quality is None else options.quality
         return QualityBound(judge.original_psnr - judge.loss_to_aim_at(allowed))
-    if spz is None:
-        found = "the scene is too large for a .spz, whose quality is the bound without a capture"
-        raise PocketGSError(f"compression: {found}; expected the capture, or --size")
-    return QualityBound(judge.psnr(spz.scene) - (options.quality or 0.0))
+    try:
+        stored = rounded_as_spz(scene)
+    except PocketGSError as error:
+        expected = "expected the capture, or --size, or a scene without far Gaussians (--crop-box of pocketgs convert)"
+        raise PocketGSError(f"{error}, whose quality is the bound without a capture; {expected}") from error
+    return QualityBound(judge.psnr(stored) - (options.quality or 0.0))
 
 
 def _search(scene: Gaussians, views: Views, workshop: Workshop, bound: SizeBound | QualityBound) -> None:

@@ -23,7 +23,7 @@ class Figures:
     Attributes:
         name: of the file's format, or of the method.
         gaussians: their number.
-        megabytes: of 10^6 bytes, or None if the format cannot store the scene.
+        megabytes: of 10^6 bytes, or None if the format cannot store the scene, or there was no time for it.
         psnr: mean over the reported views in dB, or None without any.
         ssim: likewise.
     """

@@ -1,4 +1,4 @@
-"""A scene as stored in a `.spz`, for comparison."""
+"""A scene as a `.spz` holds it, for comparison."""
 
 from __future__ import annotations
 
@@ -7,11 +7,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from pocketgs.scene.formats.spz import read_gaussians, write_gaussians
+from pocketgs.errors import PocketGSError
+from pocketgs.scene.edits import scaled
+from pocketgs.scene.formats.spz import is_visibly_cut, read_gaussians, rounded, write_gaussians
 from pocketgs.scene.formats.spz_attributes import fractional_bits_for
 from pocketgs.scene.formats.spz_precision import SMALL
+from pocketgs.scene.formats.spz_range import suitable_factor
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.scene.warning import SceneWarning
+
+WRITING_SECONDS = 5e-5
+"""Approximate time per Gaussian that `as_spz` takes, of degree 3 on one core; 33 s were measured for 672,870."""
 
 
 @dataclass(frozen=True)
@@ -31,3 +37,19 @@ def as_spz(scene: Gaussians) -> SpzFile | None:
         path = Path(folder) / "scene.spz"
         write_gaussians(path, scene, precision=SMALL)
         return SpzFile(read_gaussians(path), path.stat().st_size)
+
+
+def rounded_as_spz(scene: Gaussians) -> Gaussians:
+    """The scene with the precision of a .spz, in a unit of length that suits the format; the order changes.
+
+    Args:
+        scene: finite.
+
+    Raises:
+        PocketGSError: its sizes or distances differ by more than the format can hold without showing it.
+    """
+    factor = suitable_factor(scene)
+    suited = scaled(scene, factor)
+    if is_visibly_cut(suited, SMALL):
+        raise PocketGSError("scene: its sizes, or its distances and sizes, differ by more than a .spz can hold")
+    return scaled(rounded(suited, SMALL), 1.0 / factor)

@@ -64,6 +64,10 @@ class Timekeeper:
         """Share of the time that is used, 0 without a limit."""
         return 0.0 if self._seconds is None else self.elapsed() / max(self._seconds, 1e-3)
 
+    def seconds_left(self) -> float:
+        """Seconds until the time limit, less than 0 after it; infinite without one."""
+        return float("inf") if self._seconds is None else self._seconds - self.elapsed()
+
     def is_up(self) -> bool:
         """Whether the time limit is reached."""
         return self.used() >= 1.0
@@ -75,4 +79,4 @@ class Timekeeper:
         if self.is_up():
             return 0.0
         speed = self.done / max(self.elapsed(), 1e-3) if self.done else self.first_speed
-        return (self._seconds - self.elapsed()) * speed
+        return self.seconds_left() * speed

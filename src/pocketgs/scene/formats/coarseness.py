@@ -14,6 +14,11 @@ LARGEST_STEP = 0.5
 step of half this size leaves 46 to 50 dB, one of twice the size 34 to 37."""
 
 
+def is_coarse(gaussians: Gaussians, step: float) -> bool:
+    """Whether a step of centres, in scene units, is more than half the size of most Gaussians, which are finite."""
+    return step > LARGEST_STEP * _median_size(gaussians)
+
+
 def warn_if_coarse(path: Path, gaussians: Gaussians, step: float) -> None:
     """Warn if centres are rounded to more than half the size of most Gaussians.
 
@@ -22,14 +27,17 @@ def warn_if_coarse(path: Path, gaussians: Gaussians, step: float) -> None:
         gaussians: the scene; its centres and log scales are finite.
         step: the finest step of centres that the file allows, in scene units.
     """
-    # The size is the middle standard deviation, as for the grids that writers choose.
-    with np.errstate(over="ignore"):
-        size = float(np.exp(np.median(np.median(gaussians.log_scales, axis=1)).astype(np.float64)))
-    if step <= LARGEST_STEP * size:
+    if not is_coarse(gaussians, step):
         return
-    largest = float(np.abs(gaussians.means).max())
+    size, largest = _median_size(gaussians), float(np.abs(gaussians.means).max())
     warn(
         f"{path}: centres are rounded to steps of {step:.2g}, but half of the Gaussians are smaller than {size:.2g}: "
         f"the steps suit the farthest one, with a coordinate of {largest:.3g}. Leave far ones out with "
         "--crop-box xmin ymin zmin xmax ymax zmax of pocketgs convert, or write a .ply"
     )
+
+
+def _median_size(gaussians: Gaussians) -> float:
+    """Median of the middle standard deviations, which grids are chosen to suit."""
+    with np.errstate(over="ignore"):
+        return float(np.exp(np.median(np.median(gaussians.log_scales, axis=1)).astype(np.float64)))

@@ -19,7 +19,7 @@ from pocketgs.files.atomic_file import replacing
 from pocketgs.scene.formats import antialiased
 from pocketgs.scene.formats.axes import LEFT_DOWN_BACK, LEFT_UP_FORWARD, RIGHT_DOWN_FORWARD, RIGHT_UP_BACK, half_turn
 from pocketgs.scene.formats.checks import read_contents, require_any, require_room, require_sound
-from pocketgs.scene.formats.coarseness import warn_if_coarse
+from pocketgs.scene.formats.coarseness import is_coarse, warn_if_coarse
 from pocketgs.scene.formats.spz_arrangement import rearranged
 from pocketgs.scene.formats.spz_attributes import MAX_FIXED, Layout, fractional_bits_for, pack, unpack
 from pocketgs.scene.formats.spz_precision import FINE, Precision
@@ -125,12 +125,29 @@ def encode(
     bits = fractional_bits_for(gaussians, precision)
     if bits is None:
         raise PocketGSError(f"{path}: a coordinate exceeds {MAX_FIXED}, the maximum of .spz")
-    turned = half_turn(gaussians, RIGHT_UP_BACK)
-    if precision.rearranged:
-        turned = rearranged(turned, precision)
     layout = Layout(version, len(gaussians), gaussians.sh_degree, bits)
-    streams = pack(turned, layout, precision)
+    streams = _packed(gaussians, layout, precision)
     return _bundle(layout, streams) if version == 4 else _gzip(layout, streams)
+
+
+def is_visibly_cut(gaussians: Gaussians, precision: Precision) -> bool:
+    """Whether a file cannot hold a scene, or only with other sizes or centres that show; all its numbers are finite."""
+    bits = fractional_bits_for(gaussians, precision)
+    return bits is None or exceeds_range(gaussians) or is_coarse(gaussians, 2.0**-bits)
+
+
+def rounded(gaussians: Gaussians, precision: Precision) -> Gaussians:
+    """A scene as a file holds it, without the time that packing the file takes; it is not `is_visibly_cut`."""
+    bits = fractional_bits_for(gaussians, precision)
+    assert bits is not None
+    layout = Layout(CURRENT, len(gaussians), gaussians.sh_degree, bits)
+    return half_turn(unpack(_packed(gaussians, layout, precision), layout), RIGHT_UP_BACK)
+
+
+def _packed(gaussians: Gaussians, layout: Layout, precision: Precision) -> list[bytes]:
+    """The six streams, not compressed."""
+    turned = half_turn(gaussians, RIGHT_UP_BACK)
+    return pack(rearranged(turned, precision) if precision.rearranged else turned, layout, precision)
 
 
 def read_gaussians(path: Path) -> Gaussians:
