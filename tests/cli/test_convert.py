@@ -174,3 +174,28 @@ def test_warnings_about_scenes(tmp_path: Path, pocketgs: Callable[..., Any], sce
     replace(scene, means=means).save(far)
     errors = pocketgs("convert", far, tmp_path / "far.pgs").errors
     assert errors.startswith(f"warning: {tmp_path / 'far.pgs'}: centres are rounded")
+
+
+def test_gaussians_that_are_not_drawn(tmp_path: Path, pocketgs: Callable[..., Any], scene: Gaussians) -> None:
+    """They are left out, and do not count for what `info` tells; underflowing sizes do."""
+    scene.means[3] = np.nan
+    scene.log_scales[4, 1] = np.inf
+    scene.log_scales[5] = -300.0
+    scene.opacity_logits[6] = -200.0
+    broken, path = tmp_path / "broken.ply", tmp_path / "out.spz"
+    scene.save(broken)
+    outcome = pocketgs("convert", broken, path)
+    assert outcome.status == 0
+    assert f"warning: {broken}: 2 of 300 Gaussians hold NaN or infinity and are left out" in outcome.errors
+    assert len(read_scene(path)) == 298
+    told = pocketgs("info", broken)
+    whole = pocketgs("info", path).output.splitlines()
+    assert (told.status, told.errors) == (0, "")
+    first, counted, box, *_ = told.output.splitlines()
+    assert (first[:13], counted) == ("300 Gaussians", "2 hold NaN or infinity and are not drawn; the others:")
+    assert box == whole[1]
+    assert "nan" not in told.output
+    scene.means[:] = np.nan
+    scene.save(broken)
+    assert "300 hold NaN" in pocketgs("info", broken).output
+    assert "none of 300 Gaussians is left" in pocketgs("convert", broken, path).errors

@@ -13,7 +13,7 @@ from pocketgs.cli.compression_table import closing_lines, figures_table, print_f
 from pocketgs.cli.display import Display
 from pocketgs.cli.output_file import SCENE_FILE, check_place, json_with
 from pocketgs.cli.own_views import own_background, own_cameras
-from pocketgs.cli.scene_file import as_trained_on, folder_of, load_scene, names_scene, read_for
+from pocketgs.cli.scene_file import as_trained_on, folder_of, load_scene, names_scene, read_for, without_broken
 from pocketgs.cli.terminal import Terminal
 from pocketgs.cli.timed_compression import compress_in_time
 from pocketgs.compression.compress import memory_needed
@@ -64,7 +64,7 @@ def compress(
     console = Terminal()
     # For the whole work: files are read back to be judged.
     with memory_bound(engine.max_memory):
-        original = drawable(load_scene(scene))
+        original = drawable(without_broken(scene, load_scene(scene)))
         size = (scene / SCENE if scene.is_dir() else scene).stat().st_size
         renderer = create_engine(engine)
         views = _views(scene, original, capture, renderer, reading)

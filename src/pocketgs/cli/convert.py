@@ -11,7 +11,7 @@ import numpy as np
 import tyro
 
 from pocketgs.cli.output_file import SCENE_FILE, check_place
-from pocketgs.cli.scene_file import load_any
+from pocketgs.cli.scene_file import load_any, without_broken
 from pocketgs.cli.terminal import Terminal
 from pocketgs.errors import PocketGSError
 from pocketgs.files.memory_bound import DEFAULT_MB, memory_bound
@@ -43,8 +43,8 @@ def convert(
 ) -> None:
     """Convert a scene to another format, optionally cropped, thinned out or moved.
 
-    The options apply in the order listed here, whatever their order on the command line. A scene that is drawn without
-    sorting becomes a .ply or a .pgs.
+    The options apply in the order listed here, whatever their order on the command line. Gaussians that hold NaN or
+    infinity are left out. A scene that is drawn without sorting becomes a .ply or a .pgs.
 
     Args:
         scene: A .pgs, .ply, .compressed.ply, .spz, .sog, .splat, .glb or .gltf, or a result folder.
@@ -82,7 +82,7 @@ def convert(
         write_sort_free(output, free, detail or "fine")
         count = len(free)
     else:
-        gaussians = _of_degree(edit(original), sh_degree)
+        gaussians = _of_degree(edit(without_broken(scene, original)), sh_degree)
         chosen.write(output, gaussians)
         count = len(gaussians)
     lines = [f"{count:,} Gaussians in {output}, {output.stat().st_size:,} bytes"]

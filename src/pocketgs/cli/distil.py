@@ -11,7 +11,7 @@ from pocketgs.cli.capture_options import CaptureOptions
 from pocketgs.cli.display import Display
 from pocketgs.cli.output_file import SCENE_FILE, check_place
 from pocketgs.cli.own_views import rendered_capture
-from pocketgs.cli.scene_file import as_trained_on, load_scene, read_for
+from pocketgs.cli.scene_file import as_trained_on, load_scene, read_for, without_broken
 from pocketgs.cli.terminal import Terminal
 from pocketgs.files.memory_bound import DEFAULT_MB, memory_bound
 from pocketgs.scene.edits import drawable
@@ -48,7 +48,7 @@ def distil(
     if capture is None:
         reading.check_without_capture("the capture after the scene", but=("background",))
     with memory_bound(max_memory):
-        teacher = drawable(load_scene(scene))
+        teacher = drawable(without_broken(scene, load_scene(scene)))
         check_storable(output, teacher)
         if capture is None:
             engine = create_engine(options.engine_options)

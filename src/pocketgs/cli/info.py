@@ -16,6 +16,7 @@ from pocketgs.cli.scene_file import load_any, names_scene
 from pocketgs.cli.terminal import Terminal
 from pocketgs.errors import PocketGSError
 from pocketgs.files.memory_bound import DEFAULT_MB, memory_bound
+from pocketgs.scene.formats.activations import opacity_of
 from pocketgs.scene.gaussians import SH_COEFFICIENTS, Gaussians
 from pocketgs.sort_free.scene import SortFreeScene
 
@@ -99,15 +100,26 @@ def _shrinking_lines(listed: ListedCapture, shrink: int) -> list[str]:
 
 
 def _scene_lines(scene: Gaussians) -> list[str]:
+    lines = [f"{len(scene):,} Gaussians, spherical harmonics of degree {scene.sh_degree}"]
+    drawn = scene.select(scene.is_finite)
+    if len(drawn) < len(scene):
+        lines.append(f"{len(scene) - len(drawn):,} hold NaN or infinity and are not drawn; the others:")
+    return [*lines, *(_statistics(drawn) if len(drawn) else [])]
+
+
+def _statistics(scene: Gaussians) -> list[str]:
+    """Lines on the places, opacities and sizes of finite Gaussians, at least one."""
     low, high = np.quantile(scene.means, [0.01, 0.99], axis=0)
     box = " x ".join(f"{length:.3g}" for length in high - low)
-    scales = scene.scales
-    flatness = np.median(scales.min(axis=1) / scales.max(axis=1))
+    opacities = opacity_of(scene.opacity_logits)
+    # Medians of logarithms: standard deviations themselves may underflow.
+    logarithms = scene.log_scales.astype(np.float64)
+    largest = np.exp(np.median(logarithms.max(axis=1)))
+    flatness = np.exp(-np.median(np.ptp(logarithms, axis=1)))
     return [
-        f"{len(scene):,} Gaussians, spherical harmonics of degree {scene.sh_degree}",
         f"98 % of the centres lie in a box of {box}",
-        f"opacity: median {np.median(scene.opacities):.3f}, {np.mean(scene.opacities < 0.05):.1%} under 0.05",
-        f"largest scale: median {np.median(scales.max(axis=1)):.3g}; smallest is {flatness:.2f} of it in the median",
+        f"opacity: median {np.median(opacities):.3f}, {np.mean(opacities < 0.05):.1%} under 0.05",
+        f"largest scale: median {largest:.3g}; smallest is {flatness:.2f} of it in the median",
     ]
 
 

@@ -7,6 +7,8 @@ from functools import partial
 from pathlib import Path
 from typing import TypeAlias
 
+import numpy as np
+
 from pocketgs.capture.capture import Capture
 from pocketgs.capture.open import lacks_poses, video_of
 from pocketgs.cli.capture_options import CaptureOptions
@@ -69,6 +71,16 @@ def load_any(path: Path) -> AnyScene:
         PocketGSError: there is no readable scene.
     """
     return read_sort_free(path) if is_sort_free(path) else load_scene(path)
+
+
+def without_broken(path: Path, gaussians: Gaussians) -> Gaussians:
+    """The Gaussians without those that hold NaN or infinity, which are not drawn; a warning says how many."""
+    finite = gaussians.is_finite
+    broken = int(np.count_nonzero(~finite))
+    if not broken:
+        return gaussians
+    _warn(path, f"{broken:,} of {len(finite):,} Gaussians hold NaN or infinity and are left out")
+    return gaussians.select(finite)
 
 
 def drawn_by(path: Path, options: EngineOptions) -> tuple[Renderer, int]:

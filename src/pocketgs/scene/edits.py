@@ -43,9 +43,7 @@ def drawable(gaussians: Gaussians) -> Gaussians:
     Raises:
         PocketGSError: none is left.
     """
-    finite = np.asarray(~np.isnan(gaussians.opacity_logits))
-    for name in ("means", "log_scales", "quaternions", "sh"):
-        finite &= np.isfinite(getattr(gaussians, name).reshape(len(gaussians), -1)).all(axis=1)
+    finite = gaussians.is_finite
     if not finite.any():
         raise PocketGSError("scene: found no Gaussian without NaN or infinity, expected at least one")
     kept = gaussians if finite.all() else gaussians.select(finite)

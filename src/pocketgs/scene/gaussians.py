@@ -82,6 +82,14 @@ class Gaussians:
         return whole
 
     @property
+    def is_finite(self) -> np.ndarray:
+        """(N,) whether all numbers are finite, but for opacity logits: infinite ones are opacities of 0 and 1."""
+        finite = ~np.isnan(self.opacity_logits)
+        for values in (self.means, self.log_scales, self.quaternions, self.sh):
+            finite &= np.isfinite(values).all(axis=tuple(range(1, values.ndim)))
+        return np.asarray(finite)
+
+    @property
     def sh_degree(self) -> int:
         """Degree of the spherical harmonics, 0 to 3."""
         return SH_COEFFICIENTS.index(self.sh.shape[1])

@@ -61,11 +61,7 @@ def require_sound(path: Path, gaussians: Gaussians) -> None:
         PocketGSError: the scene is empty, or a Gaussian holds NaN or infinity.
     """
     require_any(path, len(gaussians))
-    sound = np.isfinite(gaussians.means).all(axis=1)
-    sound &= np.isfinite(gaussians.log_scales).all(axis=1)
-    sound &= np.isfinite(gaussians.quaternions).all(axis=1)
-    sound &= np.isfinite(gaussians.sh).all(axis=(1, 2))
-    sound &= ~np.isnan(gaussians.opacity_logits)
-    broken = len(sound) - int(np.count_nonzero(sound))
-    if broken:
-        raise PocketGSError(f"{path}: {broken} of {len(sound)} Gaussians hold NaN or infinity, expected finite numbers")
+    if broken := int(np.count_nonzero(~gaussians.is_finite)):
+        raise PocketGSError(
+            f"{path}: {broken} of {len(gaussians)} Gaussians hold NaN or infinity, expected finite numbers"
+        )
