@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,16 +13,19 @@ import pytest
 from pocketgs.capture.capture import Capture, Frame
 from pocketgs.cli import main
 from pocketgs.errors import PocketGSError
+from pocketgs.geometry.camera import Camera
 from pocketgs.metrics.evaluation import psnr
 from pocketgs.results.cameras_file import write_cameras
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.scene.morton import morton_order
-from pocketgs.sort_free.distil import Distilled, DistilOptions, distil
+from pocketgs.sort_free.distil import Distilled, DistilOptions, _d_log_depth, distil
 from pocketgs.sort_free.drawing import SortFreeDrawing
 from pocketgs.sort_free.file import is_sort_free, read_sort_free, write_sort_free
 from pocketgs.sort_free.forms import FORMS, FormName
+from pocketgs.sort_free.renderer import SortFreeRenderer
 from pocketgs.sort_free.scene import SortFreeScene, sort_free
 from pocketgs.splat.engine import EngineOptions
+from pocketgs.splat.rasterizer import Rasterizer
 from pocketgs.splat.rendering import render
 from pocketgs.training.train import train
 
@@ -214,6 +218,53 @@ def test_without_the_capture(
         wanted = render(teacher, frame.camera, engine=CPU).image
         errors += [np.abs(drawing.render(frame.camera).image - wanted).mean() for drawing in shown]
     assert errors[1] < 0.9 * errors[0]
+
+
+def test_gradient_of_the_loss_of_depth(camera: Camera, make_gaussians: Callable[..., Gaussians]) -> None:
+    """By finite differences, where both images are solid; elsewhere, and behind masks, depths do not count."""
+    scene = make_gaussians(count=30, size=0.5)
+    image = SortFreeRenderer("cpu").forward(sort_free(scene, "mobile", 4.0), camera, depth=True)
+    seen = Rasterizer("cpu").forward(scene, camera, ("alpha", "depth"))
+    assert image.depth is not None
+    assert seen.alpha is not None
+    assert seen.depth is not None
+    counts = np.ones(image.alpha.shape, bool)
+    counts[:, :5] = False
+    solid = counts & (seen.alpha > 0.5) & (image.alpha > 0.5)
+    assert 100 < solid.sum() < counts.sum()
+    wanted = seen.depth.astype(np.float64)
+
+    def loss(depth: np.ndarray) -> float:
+        differences = np.log(depth[solid] / wanted[solid])
+        return float(np.mean(differences**2) - 0.5 * np.mean(differences) ** 2)
+
+    gradient = _d_log_depth(image, seen, counts)
+    assert not gradient[~solid].any()
+    depth = image.depth.astype(np.float64)
+    for place in np.argwhere(solid)[::15]:
+        step = np.zeros_like(depth)
+        step[tuple(place)] = 1e-4
+        numerical = (loss(depth + step) - loss(depth - step)) / 2e-4
+        assert gradient[tuple(place)] == pytest.approx(numerical, rel=1e-3, abs=1e-7)
+
+
+def test_the_loss_of_depth_brings_depths_closer(camera: Camera, make_gaussians: Callable[..., Gaussians]) -> None:
+    scene = make_gaussians(count=30, size=0.5)
+    photograph = np.round(np.clip(render(scene, camera, engine=CPU).image, 0, 1) * 255).astype(np.uint8)
+    capture = Capture("one", Path("one"), "renderings", [Frame("0", camera, photograph)], [])
+    seen = Rasterizer("cpu").forward(scene, camera, ("alpha", "depth"))
+    assert seen.alpha is not None
+    assert seen.depth is not None
+
+    def spread(weight: float) -> float:
+        """Standard deviation of the differences of logarithms of depth after training with a weight."""
+        options = DistilOptions("mobile", iterations=60, teacher_weight=0.0, depth_weight=weight, engine="cpu")
+        image = SortFreeRenderer("cpu").forward(distil(scene, capture, options).scene, camera, depth=True)
+        assert image.depth is not None
+        solid = (seen.alpha > 0.5) & (image.alpha > 0.5)
+        return float(np.std(np.log(image.depth[solid] / seen.depth[solid])))
+
+    assert spread(3.0) < 0.8 * spread(0.0)
 
 
 def test_mistakes_are_named(small_capture: Capture, teacher: Gaussians) -> None:
