@@ -14,12 +14,15 @@ from pocketgs.capture import Capture
 from pocketgs.cli.compression_table import figures_table
 from pocketgs.compression import candidates
 from pocketgs.compression.bound import QualityBound
-from pocketgs.compression.compress import compress
+from pocketgs.compression.compress import GENTLE_RATE, _suitable_rate, compress
 from pocketgs.compression.figures import figures_of
+from pocketgs.compression.fine_tuning import RATE, FineTuner
+from pocketgs.compression.judgement import Judge
 from pocketgs.compression.options import CompressionOptions
-from pocketgs.compression.pruning import Pruning
+from pocketgs.compression.pruning import Pruner, Pruning
 from pocketgs.compression.searches import GRIDS
 from pocketgs.compression.spz_file import as_spz
+from pocketgs.compression.timekeeper import Timekeeper
 from pocketgs.compression.views import Views, cameras_around, photographed, rendered
 from pocketgs.errors import PocketGSError
 from pocketgs.scene.edits import scaled
@@ -29,6 +32,8 @@ from pocketgs.scene.formats.pgs_rounding import rounded as rounded_scene
 from pocketgs.scene.gaussians import PARAMETERS, Gaussians
 from pocketgs.scene.warning import SceneWarning
 from pocketgs.splat.engine import Engine
+from pocketgs.splat.rasterizer import Rasterizer
+from pocketgs.system.interrupt import Interrupt
 
 pytestmark = pytest.mark.usefixtures("_few_steps")
 
@@ -85,6 +90,24 @@ def test_without_photographs_nothing_is_worse_than_spz(
     assert compressed.psnr is not None
     assert compressed.psnr >= rounded.psnr
     assert compressed.megabytes < rounded.megabytes
+
+
+@pytest.mark.parametrize(
+    ("fits", "seconds", "rate"), [(False, None, RATE), (True, None, GENTLE_RATE), (True, 0.0, RATE)]
+)
+def test_rates_are_gentle_where_usual_ones_do_harm(
+    scene: Gaussians, views: Views, engine: Engine, fits: bool, seconds: float | None, rate: float
+) -> None:
+    """A scene that has hardly been trained gains, one that fits its views perfectly loses; trying takes time."""
+    if fits:
+        cameras = {frame.name: frame.camera for frame in views.train}
+        views = replace(rendered(scene, cameras, engine, views.background), photographs=True)
+    timekeeper = Timekeeper(lambda done, of: None, Interrupt(), seconds)
+    tuner = FineTuner(engine, views.train, views.background, scene, 0, timekeeper.step)
+    pruner = Pruner(tuner, [frame.camera for frame in views.train], "contribution", Rasterizer("cpu"))
+    judge = Judge.of(scene, engine, views)
+    workshop = candidates.Workshop(tuner, pruner, judge, timekeeper, FINE, lambda candidate: True)
+    assert _suitable_rate(scene, workshop) == rate
 
 
 def test_size_and_seed(scene: Gaussians, views: Views, engine: Engine) -> None:

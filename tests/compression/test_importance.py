@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 
 from pocketgs.compression.fine_tuning import FineTuner
-from pocketgs.compression.importance import Importance, importance
+from pocketgs.compression.importance import Importance, contributions, importance
 from pocketgs.compression.pruning import Pruner
 from pocketgs.compression.rounding import ORDER
 from pocketgs.compression.views import Views, cameras_around
 from pocketgs.errors import PocketGSError
+from pocketgs.geometry.camera import Camera
+from pocketgs.scene.formats.activations import logit_of
 from pocketgs.scene.formats.pgs_coding import DEFAULT
 from pocketgs.scene.formats.pgs_rounding import GROUPS, rounded
 from pocketgs.scene.gaussians import Gaussians
@@ -31,6 +33,43 @@ def test_what_nobody_sees_goes_first(scene: Gaussians, views: Views, engine: Eng
     pruner = Pruner(FineTuner(engine, views.train, views.background, scene, 0), cameras, measure, Rasterizer())
     kept = pruner.down_to(moved, len(scene) - len(hidden))
     assert np.abs(kept.means).max() < 500.0
+
+
+FACING = Camera(64, 64, 64.0, 64.0, 32.0, 32.0, np.eye(4))
+"""A camera at the origin that looks along z."""
+
+
+def row(x: np.ndarray, sizes: np.ndarray, opacities: np.ndarray, greys: np.ndarray) -> Gaussians:
+    """Balls beside each other at z = 10, from (N,) places, standard deviations, opacities, and colour coefficients."""
+    count = len(x)
+    means = np.stack([x, np.zeros(count), np.full(count, 10.0)], axis=1)
+    turns = np.tile([1.0, 0.0, 0.0, 0.0], (count, 1))
+    sh = np.repeat(greys[:, None, None], 3, axis=2)
+    return Gaussians(means, np.log(np.repeat(sizes[:, None], 3, axis=1)), turns, logit_of(opacities, 1e-6), sh)
+
+
+def test_importance_is_large_for_what_is_both_large_and_opaque() -> None:
+    """A large faint ball contributes most in all, a small opaque one most to a pixel."""
+    faint, small, both = 0, 1, 2
+    balls = row(np.array([-3.0, 0.0, 3.0]), np.array([1.0, 0.1, 0.25]), np.array([0.05, 0.9, 0.5]), np.zeros(3))
+    summed, largest = contributions(balls, [FACING], Rasterizer("cpu"))
+    assert summed.argmax() == faint
+    assert largest.argmax() == small
+    found = importance(balls, [FACING], Rasterizer("cpu"))
+    assert found.argmax() == both
+    np.testing.assert_allclose(found**2, summed * largest, rtol=1e-6)
+
+
+def test_distinct_gaussians_are_important() -> None:
+    """The difference from the colours of the 9 nearest, itself among them, counts."""
+    count, odd = 20, 4
+    greys = np.where(np.arange(count) == odd, 1.0, 0.0)
+    balls = row(np.linspace(-4.0, 4.0, count), np.full(count, 0.1), np.full(count, 0.5), greys)
+    plain = importance(balls, [FACING], Rasterizer("cpu"))
+    distinct = importance(balls, [FACING], Rasterizer("cpu"), "distinct") / plain
+    assert distinct[odd] == pytest.approx(3 * 8 / 9)
+    np.testing.assert_allclose(distinct[odd + 1 : odd + 4], 3 / 9, rtol=1e-6)
+    assert not distinct[odd + 6 :].any()
 
 
 def test_frozen_groups_stay(scene: Gaussians, views: Views, engine: Engine) -> None:
