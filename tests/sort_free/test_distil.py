@@ -12,7 +12,9 @@ import pytest
 
 from pocketgs.capture.capture import Capture, Frame
 from pocketgs.cli import main
+from pocketgs.cli.own_views import rendered_capture
 from pocketgs.errors import PocketGSError
+from pocketgs.files.memory_bound import memory_bound
 from pocketgs.geometry.camera import Camera
 from pocketgs.metrics.evaluation import psnr
 from pocketgs.results.cameras_file import write_cameras
@@ -24,7 +26,7 @@ from pocketgs.sort_free.file import is_sort_free, read_sort_free, write_sort_fre
 from pocketgs.sort_free.forms import FORMS, FormName
 from pocketgs.sort_free.renderer import SortFreeRenderer
 from pocketgs.sort_free.scene import SortFreeScene, sort_free
-from pocketgs.splat.engine import EngineOptions
+from pocketgs.splat.engine import EngineOptions, create_engine
 from pocketgs.splat.rasterizer import Rasterizer
 from pocketgs.splat.rendering import render
 from pocketgs.training.train import train
@@ -203,11 +205,13 @@ def test_without_the_capture(
     assert left.value.code == 2, "there are no cameras"
     camera, image = replace(small_capture.train[0].camera, width=60000), np.zeros((72, 60000, 3), np.uint8)
     write_cameras(tmp_path / "cameras.json", [Frame("wide", camera, image)], refined=False)
-    with pytest.raises(SystemExit) as left:
-        main(["distil", str(scene), "--output", str(tmp_path / "free.ply"), "--max-memory", "10"])
-    assert left.value.code == 2, "renderings would take too much memory"
-    assert "renderings of it would take" in capsys.readouterr().err
+    with memory_bound(10), pytest.raises(PocketGSError, match="renderings of it would take 13 MB"):
+        rendered_capture(scene, teacher, create_engine(CPU), None)
     write_cameras(tmp_path / "cameras.json", small_capture.train, refined=False)
+    with pytest.raises(SystemExit) as left:
+        main(["distil", str(scene), "--output", str(tmp_path / "free.ply"), "--max-memory", "5"])
+    assert left.value.code == 2
+    assert "distilling would take" in capsys.readouterr().err
     shown = []
     for iterations in ("0", "40"):
         output = tmp_path / f"free{iterations}.ply"

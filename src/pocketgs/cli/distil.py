@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated
 
@@ -10,12 +11,14 @@ import tyro
 from pocketgs.cli.capture_options import CaptureOptions
 from pocketgs.cli.display import Display
 from pocketgs.cli.output_file import SCENE_FILE, check_place
-from pocketgs.cli.own_views import rendered_capture
+from pocketgs.cli.own_views import rendered_capture, trained_cameras
 from pocketgs.cli.scene_file import as_trained_on, load_scene, read_for, without_broken
 from pocketgs.cli.terminal import Terminal
-from pocketgs.files.memory_bound import DEFAULT_MB, memory_bound
+from pocketgs.files.memory_bound import DEFAULT_MB, memory_bound, require_memory
+from pocketgs.geometry.camera import Camera
 from pocketgs.scene.edits import drawable
-from pocketgs.sort_free.distil import DistilOptions
+from pocketgs.scene.gaussians import Gaussians
+from pocketgs.sort_free.distil import DistilOptions, memory_needed
 from pocketgs.sort_free.distil import distil as distil_scene
 from pocketgs.sort_free.file import check_name, check_storable, write_sort_free
 from pocketgs.splat.engine import create_engine
@@ -40,7 +43,7 @@ def distil(
             .ply but sort its Gaussians.
         options: Options of distilling.
         reading: Options for reading the capture.
-        max_memory: Megabytes that reading may take; larger files are refused.
+        max_memory: Megabytes that reading, and distilling, may take; what needs more is refused before it starts.
     """
     console = Terminal()
     check_name(output)
@@ -51,10 +54,12 @@ def distil(
         teacher = drawable(without_broken(scene, load_scene(scene)))
         check_storable(output, teacher)
         if capture is None:
+            _require_memory(scene, teacher, trained_cameras(scene).values(), options)
             engine = create_engine(options.engine_options)
             opened = rendered_capture(scene, teacher, engine, reading.background)
         else:
             opened = as_trained_on(scene, read_for(scene, capture, reading))
+            _require_memory(scene, teacher, [frame.camera for frame in opened.train], options)
     with Display(console).showing() as reporter:
         stages: list[str] = []
 
@@ -69,3 +74,7 @@ def distil(
     ended = f"stopped after {found.iterations} of {options.iterations} steps: " if found.interrupted else ""
     size = output.stat().st_size
     console.say(f"{ended}{len(found.scene):,} Gaussians in {output}, {size:,} bytes, drawn by {options.compositor}")
+
+
+def _require_memory(scene: Path, teacher: Gaussians, cameras: Iterable[Camera], options: DistilOptions) -> None:
+    require_memory(scene, memory_needed(teacher, cameras, options), "distilling")

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from pocketgs.capture.capture import Capture, Frame
 from pocketgs.errors import PocketGSError
+from pocketgs.geometry.camera import Camera
 from pocketgs.scene.edits import with_sh_degree
-from pocketgs.scene.gaussians import Gaussians
+from pocketgs.scene.gaussians import SH_COEFFICIENTS, Gaussians
 from pocketgs.sort_free.forms import FormName
 from pocketgs.sort_free.optimiser import ArrayAdam
 from pocketgs.sort_free.renderer import SceneGradient, SortFreeImage, SortFreeRenderer
@@ -32,6 +33,10 @@ RATE = 0.3
 
 VIEW_RATE, NUMBER_RATE = 0.15, 0.02
 """First learning rates of the harmonics of v, and of the logarithms of the form's numbers."""
+
+BYTES_PER_GAUSSIAN, BYTES_PER_COEFFICIENT, BYTES_PER_VIEW_COEFFICIENT, BYTES_PER_PIXEL = 900, 122, 61, 500
+"""Maximum memory of a distillation, as measured on the CPU with 200,000 Gaussians and on images of 1600x1200: per
+Gaussian, per coefficient of its colour's and of v's harmonics, and per pixel of a view."""
 
 LARGEST_LOGARITHM = 0.99 * MAX_LOGARITHM
 """Learned logarithms are cut here, so that a file can hold them whichever way it rounds."""
@@ -122,6 +127,22 @@ def distil(
     if len(teacher) == 0:
         raise PocketGSError("distil: 0 Gaussians, expected at least one")
     return _Distillation(teacher, capture, options, observer or (lambda stage, done, of: None)).run()
+
+
+def memory_needed(teacher: Gaussians, cameras: Iterable[Camera], options: DistilOptions) -> int:
+    """Maximum bytes that `distil` takes besides the teacher and the capture.
+
+    Args:
+        teacher: a trained scene.
+        cameras: of the training views.
+        options: of the distillation.
+    """
+    colours, views = (
+        SH_COEFFICIENTS[degree] for degree in (min(options.sh_degree, teacher.sh_degree), options.view_degree)
+    )
+    each = BYTES_PER_GAUSSIAN + BYTES_PER_COEFFICIENT * colours + BYTES_PER_VIEW_COEFFICIENT * views
+    pixels = max((camera.width * camera.height for camera in cameras), default=0)
+    return each * len(teacher) + BYTES_PER_PIXEL * pixels
 
 
 def typical_distance(teacher: Gaussians, capture: Capture) -> float:
