@@ -52,6 +52,18 @@ def test_a_scene_alone(pocketgs: Callable[..., Any], result: Path, tmp_path: Pat
     assert len(read_scene(path)) > 0
 
 
+def test_a_moved_scene_beside_a_result(pocketgs: Callable[..., Any], result: Path, tmp_path: Path) -> None:
+    """The cameras of the result would not show it."""
+    path, moved = tmp_path / "small.pgs", result / "moved.ply"
+    pocketgs("convert", result, moved, "--translate", 0, 0, -100)
+    outcome = pocketgs("compress", moved, "--output", path, "--size", 0.01, "--time-budget", 5)
+    assert outcome.status == 0
+    assert f"warning: {moved}: not the scene.ply of the run beside it" in outcome.errors
+    outcome = pocketgs("distil", moved, "--output", tmp_path / "free.ply")
+    assert outcome.status == 2
+    assert "expected its result folder, or its capture" in outcome.errors
+
+
 def test_one_far_gaussian_makes_the_grid_coarse(pocketgs: Callable[..., Any], result: Path, tmp_path: Path) -> None:
     scene = read_scene(result / "scene.ply")
     scene.means[0] = 4e6

@@ -51,7 +51,7 @@ def compress(
     Args:
         scene: A scene file (.ply, .spz, .splat, .glb …), or a result folder.
         capture: The capture that it was trained on: its folder, or its transforms.json. Without it, renderings of the
-            scene itself take the photographs' place, from the cameras of its result folder, or from around it.
+            scene itself take the photographs' place, from the cameras of its result, or from around it.
         output: The file to write, which ends in .pgs.
         json: File for the figures of the table.
         compression: Options of the compression.

@@ -11,7 +11,7 @@ import tyro
 from pocketgs.cli.capture_options import CaptureOptions
 from pocketgs.cli.display import Display
 from pocketgs.cli.output_file import SCENE_FILE, check_place
-from pocketgs.cli.own_views import rendered_capture, trained_cameras
+from pocketgs.cli.own_views import cameras_of_result, rendered_capture
 from pocketgs.cli.scene_file import as_trained_on, load_scene, read_for, without_broken
 from pocketgs.cli.terminal import Terminal
 from pocketgs.files.memory_bound import DEFAULT_MB, memory_bound, require_memory
@@ -38,7 +38,7 @@ def distil(
     Args:
         scene: A trained scene: a file (.ply, .spz, .splat, .glb …), or a result folder.
         capture: The capture that it was trained on. Without it, renderings of the scene itself take the photographs'
-            place, from the cameras of its result folder.
+            place, from the cameras of its result.
         output: The file to write: a .ply, or a small .pgs. PocketGS draws both as trained; other programs read the
             .ply but sort its Gaussians.
         options: Options of distilling.
@@ -54,7 +54,7 @@ def distil(
         teacher = drawable(without_broken(scene, load_scene(scene)))
         check_storable(output, teacher)
         if capture is None:
-            _require_memory(scene, teacher, trained_cameras(scene).values(), options)
+            _require_memory(scene, teacher, cameras_of_result(scene).values(), options)
             engine = create_engine(options.engine_options)
             opened = rendered_capture(scene, teacher, engine, reading.background)
         else:

@@ -5,13 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 from pocketgs.capture.capture import Capture
-from pocketgs.cli.scene_file import folder_of
+from pocketgs.cli.scene_file import folder_of, warn
 from pocketgs.compression.views import cameras_around, not_too_many, renderings
 from pocketgs.errors import PocketGSError
 from pocketgs.files.memory_bound import require_memory
 from pocketgs.geometry.camera import Camera
 from pocketgs.results.cameras_file import holds_cameras, read_cameras
-from pocketgs.results.folder import CAMERAS
+from pocketgs.results.folder import CAMERAS, COMPRESSED, SCENE
 from pocketgs.results.trained_on import trained_on
 from pocketgs.scene.background import BLACK, Background
 from pocketgs.scene.gaussians import Gaussians
@@ -27,8 +27,17 @@ def trained_cameras(scene: Path) -> dict[str, Camera]:
     return read_cameras(path).cameras if holds_cameras(path) else {}
 
 
+def cameras_of_result(scene: Path) -> dict[str, Camera]:
+    """The cameras of a result, by name; empty for other files, even beside it: their scenes may have been moved.
+
+    Args:
+        scene: a file, or a result folder.
+    """
+    return trained_cameras(scene) if scene.is_dir() or scene.name in (SCENE, COMPRESSED) else {}
+
+
 def own_cameras(scene: Path, gaussians: Gaussians) -> dict[str, Camera]:
-    """Cameras to render a scene from: those of its result folder, or some around it.
+    """Cameras to render a scene from: those of its result, or some around it, with a warning beside a result.
 
     Args:
         scene: a file, or a result folder.
@@ -37,7 +46,11 @@ def own_cameras(scene: Path, gaussians: Gaussians) -> dict[str, Camera]:
     Raises:
         PocketGSError: the folder's cameras cannot be read, or the scene has no extent.
     """
-    return not_too_many(trained_cameras(scene) or cameras_around(gaussians))
+    cameras = cameras_of_result(scene)
+    if not cameras and trained_cameras(scene):
+        found = f"not the {SCENE} of the run beside it, and perhaps moved since"
+        warn(scene, f"{found}: it is seen from around, not from the run's cameras; give the capture for a smaller file")
+    return not_too_many(cameras or cameras_around(gaussians))
 
 
 def own_background(scene: Path) -> Background:
@@ -47,10 +60,10 @@ def own_background(scene: Path) -> Background:
 
 
 def rendered_capture(scene: Path, gaussians: Gaussians, engine: Engine, background: Background | None) -> Capture:
-    """A capture of renderings of a scene from the cameras of its result folder, for training.
+    """A capture of renderings of a scene from the cameras of its result, for training.
 
     Args:
-        scene: a result folder, or a file in one.
+        scene: a result folder, or the scene in one.
         gaussians: its content.
         engine: renders; the scene stays uploaded.
         background: None for that of the scene's run.
@@ -58,9 +71,10 @@ def rendered_capture(scene: Path, gaussians: Gaussians, engine: Engine, backgrou
     Raises:
         PocketGSError: there are no cameras, or they cannot be read, or the images exceed the memory bound.
     """
-    cameras = not_too_many(trained_cameras(scene))
+    cameras = not_too_many(cameras_of_result(scene))
     if not cameras:
-        raise PocketGSError(f"{scene}: found no {CAMERAS} beside the scene, expected its result folder, or its capture")
+        found = f"no result's {SCENE} with {CAMERAS} beside it"
+        raise PocketGSError(f"{scene}: found {found}, expected its result folder, or its capture")
     pixels = sum(camera.width * camera.height for camera in cameras.values())
     require_memory(scene, BYTES_PER_PIXEL * pixels, f"{len(cameras)} renderings of it")
     background = background or own_background(scene)

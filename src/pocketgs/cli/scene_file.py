@@ -79,7 +79,7 @@ def without_broken(path: Path, gaussians: Gaussians) -> Gaussians:
     broken = int(np.count_nonzero(~finite))
     if not broken:
         return gaussians
-    _warn(path, f"{broken:,} of {len(finite):,} Gaussians hold NaN or infinity and are left out")
+    warn(path, f"{broken:,} of {len(finite):,} Gaussians hold NaN or infinity and are left out")
     return gaussians.select(finite)
 
 
@@ -128,10 +128,11 @@ def check_unseen(scene: Path, capture: Capture) -> None:
     if overlap := known.overlap(capture):
         raise PocketGSError(f"{scene}: {overlap}")
     if difference := known.difference(capture):
-        _warn(scene, difference)
+        warn(scene, difference)
 
 
-def _warn(scene: Path, warning: str) -> None:
+def warn(scene: Path, warning: str) -> None:
+    """Print a warning about a scene."""
     Terminal(to_errors=True).say(f"warning: {scene}: {warning}", style="yellow")
 
 
@@ -157,7 +158,7 @@ def as_trained_on(path: Path, capture: Capture) -> Capture:
     capture = in_world_of(path, capture)
     if known := trained_on(folder_of(path)):
         if overlap := known.overlap(capture):
-            _warn(path, f"{overlap}; figures on these views are too good")
+            warn(path, f"{overlap}; figures on these views are too good")
         elif difference := known.difference(capture):
-            _warn(path, difference)
-    return without_transients_of(folder_of(path), capture, partial(_warn, path))
+            warn(path, difference)
+    return without_transients_of(folder_of(path), capture, partial(warn, path))
