@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zipfile
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -118,6 +119,20 @@ def test_missing_scene(tmp_path: Path, pocketgs: Callable[..., Any]) -> None:
     outcome = pocketgs("convert", tmp_path / "scene.spz", tmp_path / "out.ply")
     assert outcome.status == 2
     assert "scene.spz: no such file" in outcome.errors
+
+
+@pytest.mark.parametrize("command", ["info", "convert"])
+def test_scenes_that_cannot_be_read(tmp_path: Path, pocketgs: Callable[..., Any], command: str) -> None:
+    """They are not taken for captures. Other programs read a SOG from a folder, too."""
+    output = [tmp_path / "out.ply"] if command == "convert" else []
+    (tmp_path / "a.ksplat").write_bytes(bytes(4096))
+    errors = pocketgs(command, tmp_path / "a.ksplat", *output).errors
+    assert "not the name of a scene file, expected one that ends in .compressed.ply" in errors
+    random_scene(50, 1).save(tmp_path / "bundle.sog")
+    with zipfile.ZipFile(tmp_path / "bundle.sog") as archive:
+        archive.extractall(tmp_path / "sog")
+    errors = pocketgs(command, tmp_path / "sog", *output).errors
+    assert "an unbundled SOG, expected a file: zip what is in the folder as a .sog" in errors
 
 
 def test_result_folder(tmp_path: Path, pocketgs: Callable[..., Any], scene: Gaussians) -> None:

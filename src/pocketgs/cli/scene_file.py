@@ -30,10 +30,19 @@ AnyScene: TypeAlias = Gaussians | SortFreeScene
 """A scene that is drawn sorted, or one that is drawn without sorting."""
 
 
+OTHER_SCENES = (".ksplat", ".splatv", ".spx", ".lcc", ".rad")
+"""Suffixes of scenes that PocketGS cannot read."""
+
+UNBUNDLED = ("meta.json", "means_l.webp")
+"""Files of a SOG in a folder."""
+
+
 def names_scene(path: Path) -> bool:
-    """Whether a path is a scene file or a result folder, rather than a capture."""
+    """Whether a path is a scene, also of a kind that cannot be read, or a result folder, rather than a capture."""
     settle(path)
-    return is_scene_name(path) or all((path / name).is_file() for name in (SCENE, RECORD))
+    if is_scene_name(path) or path.name.lower().endswith(OTHER_SCENES):
+        return True
+    return any(all((path / name).is_file() for name in names) for names in ((SCENE, RECORD), UNBUNDLED))
 
 
 def folder_of(scene: Path) -> Path:
@@ -61,6 +70,8 @@ def load_scene(path: Path) -> Gaussians:
     """
     if is_sort_free(path):
         raise PocketGSError(f"{path}: a scene that is drawn without sorting, expected one that is sorted")
+    if all((path / name).is_file() for name in UNBUNDLED):
+        raise PocketGSError(f"{path}: an unbundled SOG, expected a file: zip what is in the folder as a .sog")
     return read_scene(path / SCENE if path.is_dir() else path)
 
 
