@@ -79,6 +79,14 @@ def test_broken(tmp_path: Path, change: Callable[[dict[str, Any]], object], told
         read_scene(changed(tmp_path / "a.sog", change))
 
 
+def test_names_that_begin_here(tmp_path: Path) -> None:
+    """`bsdtar` packs a folder like this."""
+    sog.write_gaussians(tmp_path / "a.sog", random_scene(100, 1))
+    parts = {f"./{name}": content for name, content in parts_of(tmp_path / "a.sog").items()}
+    found = read_scene(packed(tmp_path / "b.sog", parts))
+    np.testing.assert_array_equal(found.means, read_scene(tmp_path / "a.sog").means)
+
+
 @pytest.mark.parametrize("name", ["scales", "sh0", "shN"])
 def test_codebook_without_its_first_number(tmp_path: Path, name: str) -> None:
     """The first number is null in some files: it continues the even steps of the others."""

@@ -22,6 +22,7 @@ from PIL import Image
 from pocketgs.errors import PocketGSError
 from pocketgs.files.atomic_file import replacing
 from pocketgs.files.memory_bound import JSON_BYTES, require_memory
+from pocketgs.files.zip_names import without_here
 from pocketgs.geometry.quaternions import MAX_OTHER, drop_largest, restore_largest, unit
 from pocketgs.scene.formats import antialiased
 from pocketgs.scene.formats.activations import opacity_from_byte, opacity_to_byte
@@ -144,6 +145,7 @@ class _Archive:
     def __init__(self, path: Path, archive: zipfile.ZipFile) -> None:
         self._path = path
         self._archive = archive
+        self._members = {without_here(info.filename): info for info in archive.infolist()}
         try:
             meta = json.loads(self._member(META, JSON_BYTES))
         except (UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
@@ -259,10 +261,9 @@ class _Archive:
             raise PocketGSError(f"{self._path}: {files[place][:80]!r} is not a readable image ({error})") from error
 
     def _member(self, name: str, bytes_each: int) -> bytes:
-        try:
-            info = self._archive.getinfo(name)
-        except KeyError as error:
-            raise PocketGSError(f"{self._path}: holds no {name[:80]!r}") from error
+        info = self._members.get(without_here(name))
+        if info is None:
+            raise PocketGSError(f"{self._path}: holds no {name[:80]!r}")
         if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
             found = f"method {info.compress_type}"
             raise PocketGSError(f"{self._path}: {name[:80]!r} is compressed by {found}, expected stored or deflated")
