@@ -25,6 +25,7 @@ from pocketgs.scene.formats.pgs_sections import Section, join_sections, split_se
 from pocketgs.scene.formats.spz_precision import SMALL
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.webgpu.scene_columns import to_columns
+from scene.formats.scenes import write_ply_of_degree_4
 
 READ = """async ([name, content]) => {
     const { readScene } = await import(new URL("page/formats/scene_file.js", document.baseURI));
@@ -108,6 +109,7 @@ def test_page_shows_what_has_been_read(page: Page, tmp_path: Path, written: Writ
         np.testing.assert_array_equal(np.float32(found), x[:count])
 
 
+@pytest.mark.filterwarnings("ignore:.*degree 4, which are dropped")
 @pytest.mark.parametrize("version", [1, 2])
 @pytest.mark.parametrize("degree", [0, 3, 4])
 def test_page_reads_early_spz(page: Page, tmp_path: Path, version: int, degree: int) -> None:
@@ -137,6 +139,13 @@ def test_page_reads_ply_of_other_types(page: Page) -> None:
     np.testing.assert_array_equal(sh, rows[:, 3:6].T)
     np.testing.assert_array_equal(shape[10], rows[:, 6])
     np.testing.assert_allclose(np.linalg.norm(shape[6:10], axis=0), 1, rtol=1e-6)
+
+
+def test_page_drops_degree_4(page: Page, tmp_path: Path) -> None:
+    scene, path = random_scene(30, 16), tmp_path / "higher.ply"
+    write_ply_of_degree_4(path, scene)
+    _, sh, _ = read(page, path.name, path.read_bytes())
+    np.testing.assert_array_equal(np.float32(sh), to_columns(scene)[1])
 
 
 @pytest.mark.parametrize("has_third_scale", [True, False])

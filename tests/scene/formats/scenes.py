@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 from hypothesis import strategies as st
+from plyfile import PlyData, PlyElement
 
 from pocketgs.errors import PocketGSError
 from pocketgs.geometry.quaternions import rotation_matrices
@@ -70,6 +71,21 @@ def covariances(scene: Gaussians) -> np.ndarray:
 def opacity_error(first: Gaussians, second: Gaussians) -> float:
     one, other = (1 / (1 + np.exp(-scene.opacity_logits.astype(np.float64))) for scene in (first, second))
     return float(np.abs(one - other).max())
+
+
+def write_ply_of_degree_4(path: Path, scene: Gaussians) -> None:
+    """Write a `.ply` of a scene of degree 3 with coefficients of degree 4 behind those of each channel."""
+    scene.save(path)
+    rows = PlyData.read(str(path), mmap=False)["vertex"].data
+    rest = {f"f_rest_{24 * (i // 15) + i % 15}": rows[f"f_rest_{i}"] for i in range(45)}
+    others = [name for name in rows.dtype.names or () if not name.startswith("f_rest_")]
+    names = [*others, *(f"f_rest_{i}" for i in range(72))]
+    table = np.full(len(rows), 9.0, [(name, "<f4") for name in names])
+    for name in others:
+        table[name] = rows[name]
+    for name, values in rest.items():
+        table[name] = values
+    PlyData([PlyElement.describe(table, "vertex")], byte_order="<").write(str(path))
 
 
 def load_or_refuse(path: Path) -> None:

@@ -20,9 +20,10 @@ from pocketgs.geometry.camera import Camera, look_at
 from pocketgs.scene.edits import drawable
 from pocketgs.scene.formats.activations import MIN_LOG_SCALE
 from pocketgs.scene.gaussians import PARAMETERS, SH_COEFFICIENTS, Gaussians
+from pocketgs.scene.warning import SceneWarning
 from pocketgs.splat.engine import EngineOptions
 from pocketgs.splat.rendering import render
-from scene.formats.scenes import random_scene
+from scene.formats.scenes import random_scene, write_ply_of_degree_4
 
 LAYOUT = ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"]
 LAYOUT_END = ["opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"]
@@ -247,8 +248,16 @@ def test_thickness_of_nothing(tmp_path: Path) -> None:
 
 def test_wrong_number_of_rest_coefficients(scene_file: Path) -> None:
     rewrite_header(scene_file, lambda lines: [line for line in lines if line.split()[-1] != "f_rest_8"])
-    with pytest.raises(PocketGSError, match="8 f_rest properties, expected 0, 9, 24 or 45"):
+    with pytest.raises(PocketGSError, match="8 f_rest properties, expected 0, 9, 24, 45 or 72"):
         Gaussians.load(scene_file)
+
+
+def test_degree_4_is_dropped(tmp_path: Path) -> None:
+    scene = random_scene(20, 3)
+    write_ply_of_degree_4(tmp_path / "higher.ply", scene)
+    with pytest.warns(SceneWarning, match=r"higher\.ply: spherical harmonics of degree 4, which are dropped"):
+        found = Gaussians.load(tmp_path / "higher.ply")
+    np.testing.assert_array_equal(found.sh, scene.sh)
 
 
 @pytest.mark.parametrize("kind", ["ascii", "binary_little_endian", "binary_big_endian"])

@@ -10,6 +10,7 @@ from pocketgs.errors import PocketGSError
 from pocketgs.files.memory_bound import require_memory
 from pocketgs.files.opening import read_bytes
 from pocketgs.scene.gaussians import Gaussians
+from pocketgs.scene.warning import warn
 
 
 def read_contents(path: Path) -> bytes:
@@ -50,6 +51,11 @@ def require_any(path: Path, count: int) -> None:
     """
     if count == 0:
         raise PocketGSError(f"{path}: 0 Gaussians, expected at least one")
+
+
+def warn_of_degree_4(path: Path) -> None:
+    """Warn that a file's spherical harmonics of degree 4 are dropped."""
+    warn(f"{path}: spherical harmonics of degree 4, which are dropped: the highest degree here is 3")
 
 
 def require_sound(path: Path, gaussians: Gaussians) -> None:

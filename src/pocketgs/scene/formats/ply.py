@@ -19,11 +19,14 @@ from pocketgs.files.atomic_file import replacing
 from pocketgs.files.ply_file import read_comments, read_vertices
 from pocketgs.scene.formats import antialiased
 from pocketgs.scene.formats.activations import finite_log_scales
-from pocketgs.scene.formats.checks import require_any, require_room
+from pocketgs.scene.formats.checks import require_any, require_room, warn_of_degree_4
 from pocketgs.scene.gaussians import SH_COEFFICIENTS, Gaussians
 
 # Maximum bytes that reading takes per Gaussian and per spherical-harmonics coefficient, as measured.
 READING = (100, 38)
+
+DEGREE_4 = 25
+"""Coefficients of spherical harmonics of degree 4, with those of lower degrees."""
 
 FLATNESS = math.log(1e-3)
 """Logarithm of the thickness of a Gaussian that has two axes, relative to the smaller one: flat to the eye, and a
@@ -75,7 +78,7 @@ def write_gaussians(
 
 
 def read_gaussians(path: Path) -> Gaussians:
-    """Read a scene. Normals and properties outside the layout are ignored.
+    """Read a scene. Normals and properties outside the layout are ignored, with a warning harmonics of degree 4.
 
     The Gaussians of 2DGS have two axes: they become thin discs. A thickness of 0 becomes the smallest of float32.
 
@@ -90,11 +93,14 @@ def read_gaussians(path: Path) -> Gaussians:
     is_flat = missing == ["scale_2"]
     if missing and not is_flat:
         raise PocketGSError(f"{path}: holds no Gaussians: vertex property {missing[0]!r} is missing or not a number")
-    if 1 + rest // 3 not in SH_COEFFICIENTS or rest % 3:
-        raise PocketGSError(f"{path}: {rest} f_rest properties, expected 0, 9, 24 or 45 (SH degree 0 to 3)")
+    if 1 + rest // 3 not in (*SH_COEFFICIENTS, DEGREE_4) or rest % 3:
+        raise PocketGSError(f"{path}: {rest} f_rest properties, expected 0, 9, 24, 45 or 72 (SH degree 0 to 4)")
 
     require_any(path, len(data))
     require_room(path, len(data), 1 + rest // 3, READING)
+    coefficients = min(1 + rest // 3, SH_COEFFICIENTS[-1])
+    if 1 + rest // 3 > coefficients:
+        warn_of_degree_4(path)
 
     def stack(*names: str) -> np.ndarray:
         return np.stack([np.asarray(data[name], dtype=np.float32) for name in names], axis=1)
@@ -102,11 +108,11 @@ def read_gaussians(path: Path) -> Gaussians:
     log_scales = stack("scale_0", "scale_1") if is_flat else stack("scale_0", "scale_1", "scale_2")
     if is_flat:
         log_scales = np.column_stack([log_scales, log_scales.min(axis=1) + np.float32(FLATNESS)])
-    sh = np.empty((len(data), 1 + rest // 3, 3), np.float32)
+    sh = np.empty((len(data), coefficients, 3), np.float32)
     sh[:, 0] = stack("f_dc_0", "f_dc_1", "f_dc_2")
     if rest:
         by_channel = stack(*(f"f_rest_{i}" for i in range(rest))).reshape(len(data), 3, rest // 3)
-        sh[:, 1:] = np.swapaxes(by_channel, 1, 2)
+        sh[:, 1:] = np.swapaxes(by_channel[:, :, : coefficients - 1], 1, 2)
     antialiased.warn_if(antialiased.is_marked(read_comments(path)), path)
     return Gaussians(
         stack("x", "y", "z"),

@@ -18,7 +18,13 @@ from pocketgs.errors import PocketGSError
 from pocketgs.files.atomic_file import replacing
 from pocketgs.scene.formats import antialiased
 from pocketgs.scene.formats.axes import LEFT_DOWN_BACK, LEFT_UP_FORWARD, RIGHT_DOWN_FORWARD, RIGHT_UP_BACK, half_turn
-from pocketgs.scene.formats.checks import read_contents, require_any, require_room, require_sound
+from pocketgs.scene.formats.checks import (
+    read_contents,
+    require_any,
+    require_room,
+    require_sound,
+    warn_of_degree_4,
+)
 from pocketgs.scene.formats.coarseness import is_coarse, warn_if_coarse
 from pocketgs.scene.formats.spz_arrangement import rearranged
 from pocketgs.scene.formats.spz_attributes import MAX_FIXED, Layout, fractional_bits_for, pack, unpack
@@ -151,7 +157,7 @@ def _packed(gaussians: Gaussians, layout: Layout, precision: Precision) -> list[
 
 
 def read_gaussians(path: Path) -> Gaussians:
-    """Read a scene of any version. Coefficients above degree 3 are ignored; the anti-aliasing flag is a warning.
+    """Read a scene of any version. Coefficients of degree 4, which are dropped, and anti-aliasing are warnings.
 
     Raises:
         PocketGSError: the file is missing, broken, of an unknown version, or states axes that mirror the scene.
@@ -166,6 +172,8 @@ def read_gaussians(path: Path) -> Gaussians:
     gaussians = half_turn(unpack(stored.streams, stored.layout), stored.axes)
     require_sound(path, gaussians)
     antialiased.warn_if(bool(stored.flags & ANTIALIASED), path)
+    if stored.layout.sh_degree == MAX_DEGREE:
+        warn_of_degree_4(path)
     return gaussians
 
 

@@ -18,7 +18,8 @@ import { MAX_HEADER_BYTES, beginsWithVertices, readHeader, rowsOf } from "./ply_
  */
 
 const ROWS_AT_ONCE = 1 << 11;
-const COEFFICIENTS = { 0: 1, 9: 4, 24: 9, 45: 16 };
+/** Coefficients of each channel by the number of properties: those of degree 4 are dropped. */
+const COEFFICIENTS = { 0: 1, 9: 4, 24: 9, 45: 16, 72: 16 };
 
 /** Logarithm of the thickness of a Gaussian that has two axes, relative to the smaller one. */
 const FLATNESS = Math.log(1e-3);
@@ -42,13 +43,13 @@ export async function readPly(source, bytes, onPart) {
     }
     const rest = [...properties.keys()].filter((name) => name.startsWith("f_rest_")).length;
     if (!(rest in COEFFICIENTS)) {
-        throw new Error(`the .ply has ${rest} f_rest properties, expected 0, 9, 24 or 45`);
+        throw new Error(`the .ply has ${rest} f_rest properties, expected 0, 9, 24, 45 or 72`);
     }
     const gaussians = new GaussianColumns(count, COEFFICIENTS[rest]);
     gaussians.weighting = weightingIn(comments, properties, count);
     gaussians.isAntialiased = isMarked(header.lines);
     const isFlat = !properties.has("scale_2");
-    const targets = targetsIn(gaussians, properties, isFlat);
+    const targets = targetsIn(gaussians, properties, isFlat, 1 + rest / 3);
     for (let first = 0; first < count; first += ROWS_AT_ONCE) {
         const rows = Math.min(ROWS_AT_ONCE, count - first);
         const view = new DataView((await source.take(rows * stride)).buffer);
@@ -117,9 +118,9 @@ function completeLogScales(gaussians, isFlat, first, end) {
     }
 }
 
-/** The target column of each property; of 2DGS, none is that of the third scale. */
-function targetsIn(gaussians, properties, isFlat) {
-    const columns = columnsOf(gaussians);
+/** The target column of each property; of 2DGS, none is that of the third scale, and none those of degree 4. */
+function targetsIn(gaussians, properties, isFlat, stored) {
+    const columns = columnsOf(gaussians, stored);
     if (isFlat) {
         columns.delete("scale_2");
     }

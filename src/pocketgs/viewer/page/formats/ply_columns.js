@@ -8,9 +8,10 @@ import { LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION } from "../constants.js";
 
 /**
  * @param {import("../scene/gaussian_columns.js").GaussianColumns} gaussians
+ * @param {number} stored coefficients of each channel in the file, which may be more
  * @returns {Map<string, Float32Array>} views of their numbers, by the properties' names
  */
-export function columnsOf(gaussians) {
+export function columnsOf(gaussians, stored = gaussians.coefficients) {
     const columns = new Map([["opacity", gaussians.column(OPACITY_LOGIT)]]);
     ["x", "y", "z"].forEach((name, axis) => columns.set(name, gaussians.column(MEAN + axis)));
     for (let axis = 0; axis < 3; axis++) {
@@ -20,9 +21,10 @@ export function columnsOf(gaussians) {
     for (let part = 0; part < 4; part++) {
         columns.set(`rot_${part}`, gaussians.column(QUATERNION + part));
     }
-    const higher = gaussians.coefficients - 1;
-    for (let i = 0; i < 3 * higher; i++) {
-        columns.set(`f_rest_${i}`, gaussians.harmonics(1 + (i % higher), Math.floor(i / higher)));
+    for (let channel = 0; channel < 3; channel++) {
+        for (let i = 1; i < gaussians.coefficients; i++) {
+            columns.set(`f_rest_${channel * (stored - 1) + i - 1}`, gaussians.harmonics(i, channel));
+        }
     }
     return columns;
 }
