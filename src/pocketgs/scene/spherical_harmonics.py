@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-C0 = 0.28209479177387814
+from pocketgs.scene.gaussians import SH_DC
+
 C1 = 0.4886025119029199
 C2 = (1.0925484305920792, -1.0925484305920792, 0.31539156525252005, -1.0925484305920792, 0.5462742152960396)
 C3 = (
@@ -29,7 +30,7 @@ def basis(directions: np.ndarray, coefficients: int) -> np.ndarray:
         (N, K).
     """
     x, y, z = directions.T
-    values = [np.full_like(x, C0)]
+    values = [np.full_like(x, SH_DC)]
     if coefficients > 1:
         values += [-C1 * y, C1 * z, -C1 * x]
     if coefficients > 4:

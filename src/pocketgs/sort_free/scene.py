@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pocketgs.errors import PocketGSError
-from pocketgs.scene.gaussians import SH_COEFFICIENTS, Gaussians
-from pocketgs.scene.spherical_harmonics import C0
+from pocketgs.scene.gaussians import SH_COEFFICIENTS, SH_DC, Gaussians
 from pocketgs.sort_free.forms import Form, form_named
 
 MAX_UNIT, MAX_LOGARITHM = 1e15, 20.0
@@ -66,5 +65,5 @@ def sort_free(gaussians: Gaussians, form: str, unit: float, view_degree: int = 1
     coefficients = 0 if chosen.view_start is None else SH_COEFFICIENTS[view_degree]
     views = np.zeros((len(gaussians), coefficients), np.float32)
     if chosen.view_start is not None:
-        views[:, 0] = chosen.view_start / C0
+        views[:, 0] = chosen.view_start / SH_DC
     return SortFreeScene(gaussians, chosen, unit, np.log(list(chosen.numbers.values())), views)

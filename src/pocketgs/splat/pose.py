@@ -10,7 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 from pocketgs.geometry.camera import Camera
-from pocketgs.scene.spherical_harmonics import C0, basis_gradient
+from pocketgs.scene.gaussians import SH_DC
+from pocketgs.scene.spherical_harmonics import basis_gradient
 
 
 def pose_gradient(
@@ -51,7 +52,7 @@ def _through_directions(offsets: np.ndarray, sh: np.ndarray, d_sh: np.ndarray) -
         return np.zeros_like(offsets)
     distances = np.linalg.norm(offsets, axis=1, keepdims=True)
     directions = offsets / distances
-    d_colours = d_sh[:, 0] / C0
+    d_colours = d_sh[:, 0] / SH_DC
     d_directions = np.einsum("nki,nkc,nc->ni", basis_gradient(directions, sh.shape[1]), sh, d_colours)
     along = np.sum(directions * d_directions, axis=1, keepdims=True)
     return np.asarray((d_directions - along * directions) / distances)

@@ -11,8 +11,8 @@ from collections.abc import Collection
 import numpy as np
 
 from pocketgs.geometry.quaternions import unit
+from pocketgs.scene.formats.codebook_weights import codebook_weights
 from pocketgs.scene.formats.codebooks import nearest, vector_codebook
-from pocketgs.scene.formats.importance import importance_of
 from pocketgs.scene.formats.pgs_coding import DEFAULT, Coding
 from pocketgs.scene.formats.pgs_rotations import quaternions_of, steps_of, turn_levels, with_named_axes
 from pocketgs.scene.gaussians import Gaussians
@@ -44,7 +44,7 @@ def rounded(
     gaussians: Gaussians,
     coding: Coding = DEFAULT,
     names: Collection[str] = GROUPS,
-    importance: np.ndarray | None = None,
+    weights: np.ndarray | None = None,
 ) -> Gaussians:
     """Round groups of parameters to what a `.pgs` can hold; the order of Gaussians stays.
 
@@ -55,8 +55,7 @@ def rounded(
         gaussians: the scene; its numbers are finite, except for opacity logits.
         coding: the steps.
         names: of `GROUPS`.
-        importance: (N,) positive weights for the codebook of harmonics; by default the square root of opacity times
-            size.
+        weights: (N,) positive, for the codebook of harmonics; by default the square root of opacity times size.
     """
     coding = coding.in_single_precision()
     means, log_scales, quaternions = gaussians.means, gaussians.log_scales, gaussians.quaternions
@@ -72,7 +71,7 @@ def rounded(
     if "sh_dc" in names:
         sh[:, 0] = on_grid(sh[:, 0], coding.colour)
     if "sh_rest" in names:
-        weights = importance_of(gaussians) if importance is None else importance
+        weights = codebook_weights(gaussians) if weights is None else weights
         sh[:, 1:] = rounded_harmonics(sh[:, 1:], weights, coding)
     return Gaussians(means, log_scales, quaternions, opacity_logits, sh)
 

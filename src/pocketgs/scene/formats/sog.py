@@ -27,8 +27,8 @@ from pocketgs.geometry.quaternions import MAX_OTHER, drop_largest, restore_large
 from pocketgs.scene.formats import antialiased
 from pocketgs.scene.formats.activations import opacity_from_byte, opacity_to_byte
 from pocketgs.scene.formats.checks import read_contents, require_room, require_sound
+from pocketgs.scene.formats.codebook_weights import codebook_weights
 from pocketgs.scene.formats.codebooks import nearest, scalar_codebook, vector_codebook
-from pocketgs.scene.formats.importance import importance_of
 from pocketgs.scene.gaussians import SH_COEFFICIENTS, Gaussians
 from pocketgs.scene.morton import morton_order
 
@@ -89,7 +89,7 @@ def write_gaussians(path: Path, gaussians: Gaussians) -> None:
     }
     if ordered.sh_degree:
         rest = ordered.sh[:, 1:].reshape(count, -1)
-        palette = vector_codebook(rest, min(MAX_WRITTEN, count), importance_of(ordered))
+        palette = vector_codebook(rest, min(MAX_WRITTEN, count), codebook_weights(ordered))
         labels = nearest(rest, palette)
         codebook, rows = scalar_codebook(palette, ENTRIES)
         across = np.zeros((-(-len(rows) // ACROSS) * ACROSS, rows.shape[1]), np.int64)

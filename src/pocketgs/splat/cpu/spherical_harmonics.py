@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from pocketgs.scene.spherical_harmonics import C0, C1, C2, C3
+from pocketgs.scene.gaussians import SH_DC
+from pocketgs.scene.spherical_harmonics import C1, C2, C3
 from pocketgs.system.compile import inlined, part
 
 
 @part
 def sh_basis(x: float, y: float, z: float, count: int, values: np.ndarray) -> None:
     """Write the first `count` (1, 4, 9 or 16) harmonics of the unit vector (x, y, z) to `values`."""
-    values[0] = C0
+    values[0] = SH_DC
     if count > 1:
         values[1], values[2], values[3] = -C1 * y, C1 * z, -C1 * x
     if count > 4:
