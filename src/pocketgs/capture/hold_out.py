@@ -10,7 +10,6 @@ HOLD_OUT_EVERY = 8
 FEWEST_TO_HOLD_OUT = 4
 """Of fewer frames none is held out, unless every second or third is asked for: they are too few to train on already."""
 
-
 NOTHING = "nothing held out"
 
 
