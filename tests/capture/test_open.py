@@ -113,6 +113,8 @@ def test_protocol_says_what_was_done(ring, write_transforms):
     assert open_capture(folder, lens="ignore").protocol.startswith("as published (distorted), 16x12")
     assert open_capture(folder).protocol == "undistorted, cropped to 14x10, held out every 8th by name"
     assert "undistorted, cropped, downscaled to 7x5" in open_capture(folder, downscale=2).protocol
+    assert open_capture(folder, max_size=14).protocol == open_capture(folder).protocol  # a limit that all keep
+    assert "downscaled to 13x9" in open_capture(folder, max_size=13).protocol
     transparent = np.zeros((24, 32, 4), dtype=np.uint8)
     write_transforms(k1=0.0)
     Image.fromarray(transparent).save(folder / "images/view_00.png")

@@ -207,10 +207,10 @@ def test_gaussians_that_are_not_drawn(tmp_path: Path, pocketgs: Callable[..., An
     whole = pocketgs("info", path).output.splitlines()
     assert (told.status, told.errors) == (0, "")
     first, counted, box, *_ = told.output.splitlines()
-    assert (first[:13], counted) == ("300 Gaussians", "2 hold NaN or infinity and are not drawn; the others:")
+    assert (first[:13], counted) == ("300 Gaussians", "2 of them hold NaN or infinity, and are left out below")
     assert box == whole[1]
     assert "nan" not in told.output
     scene.means[:] = np.nan
     scene.save(broken)
-    assert "300 hold NaN" in pocketgs("info", broken).output
+    assert "300 of them hold NaN" in pocketgs("info", broken).output
     assert "none of 300 Gaussians is left" in pocketgs("convert", broken, path).errors

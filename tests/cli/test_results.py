@@ -122,7 +122,7 @@ def test_eval_refuses_views_that_were_trained_on(
     assert outcome.status == 2
     assert "was trained on 2 of the 3 views that are held out, the first images/0003.png" in outcome.errors
     assert "its run is '96x72, held out every 8th by name', here it is '96x72, held out every 3rd" in outcome.errors
-    assert "give the options that it was trained with, such as --images, --downscale or --hold-out" in outcome.errors
+    assert "give the options that it was trained with, such as --images, --downscale, --max-size" in outcome.errors
     assert not (tmp_path / "a.json").exists()
     command = ["train", written_capture, "--output", tmp_path / "all", "--hold-out", 0, "--iterations", 1, *PLAIN]
     assert pocketgs(*command).status == 0
@@ -150,6 +150,19 @@ def test_eval_knows_photographs_by_their_poses(
         outcome.errors
     )
     assert json.loads((tmp_path / "a.json").read_text())["psnr"] == pytest.approx(record_of(result)["psnr"], abs=1e-6)
+
+
+def test_eval_says_that_the_run_reduced_photographs(
+    pocketgs: Callable[..., Any], result: Path, written_capture: Path, tmp_path: Path
+) -> None:
+    """Its options cannot do that."""
+    reduced = Path(shutil.copytree(result, tmp_path / "reduced"))
+    record = record_of(reduced)
+    record["protocol"], record["plan"]["shrink"] = "downscaled to 48x36, held out every 8th by name", 2
+    (reduced / "run.json").write_text(json.dumps(record))
+    outcome = pocketgs("eval", reduced, written_capture)
+    assert "to fit in memory, its run reduced photographs by another factor of 2" in outcome.errors
+    assert "give the options" not in outcome.errors
 
 
 def test_eval_warns_of_another_protocol(pocketgs: Callable[..., Any], result: Path, written_capture: Path) -> None:

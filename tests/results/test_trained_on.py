@@ -15,7 +15,7 @@ from pocketgs.scene.background import BLACK
 def of_run(capture: Capture) -> TrainedOn:
     cameras = SavedCameras({frame.name: frame.camera for frame in capture.frames}, refined=False)
     views = frozenset(frame.name for frame in capture.train)
-    return TrainedOn(BLACK, views, cameras, held_out=True, protocol=capture.protocol)
+    return TrainedOn(BLACK, views, cameras, held_out=True, protocol=capture.protocol, shrink=1)
 
 
 def test_the_runs_own_capture(small_capture: Capture) -> None:

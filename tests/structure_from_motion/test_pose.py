@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import shutil
@@ -11,14 +12,14 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 import pytest
 from PIL import ExifTags, Image
 
 from mistakes import write_mistake
-from pocketgs.capture import open_capture
+from pocketgs.capture import image_file, open_capture
 from pocketgs.capture.open import lacks_poses, read_listing
 from pocketgs.capture.synthetic import true_capture
 from pocketgs.cli import main
@@ -129,15 +130,27 @@ def test_photographs_cut_off(
     found = pose(photographs, tmp_path / "output", on_warning=warnings.append)
     assert (found.frames, found.registered) == (3, 3)
     assert warnings == [
-        f"{photographs}: 1 photograph cannot be decoded: 2.jpg. Copy them from the camera again; they are left out"
+        f"{photographs}: 1 photograph cannot be decoded: 2.jpg; left out. "
+        "If they are damaged, copy them from the camera again"
     ]
     assert json.loads((tmp_path / "output/posed.json").read_text())["damaged"] == ["2.jpg"]
     (photographs / "3.jpg").write_bytes(b"")
     with pytest.raises(
-        PocketGSError, match=r"2 photographs cannot be decoded: 2\.jpg, 3\.jpg.*: at least 3 whole ones"
+        PocketGSError, match=r"2 photographs cannot be decoded: 2\.jpg, 3\.jpg; expected at least 3 others"
     ):
         pose(photographs, tmp_path / "new" / "output")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["output", "photographs"]
+
+
+def test_files_that_the_system_does_not_open_are_no_damaged_photographs(
+    photographs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def open_file(path: Path) -> NoReturn:
+        raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
+
+    monkeypatch.setattr(image_file, "open_file", open_file)
+    with pytest.raises(PocketGSError, match=r"0\.jpg: cannot be read \(Too many open files\)"):
+        pose(photographs, tmp_path / "output")
 
 
 @pytest.mark.parametrize(

@@ -183,11 +183,13 @@ def _opened(path: CaptureFile, read: Callable[[Image.Image], Result]) -> Result:
             file.seek(0)
             with Image.open(file) as image:
                 return read(image)
-    except PocketGSError:
+    except (PocketGSError, MemoryError):
         raise
     except Image.DecompressionBombError as error:
         raise PocketGSError(f"{path}: has more than {MOST_PIXELS:,} pixels; reduce it to at most as many") from error
     except Exception as error:  # Pillow's decoders raise different types for different damage
+        if isinstance(error, OSError) and error.errno is not None:  # of the system, such as a missing permission
+            raise PocketGSError(f"{path}: cannot be read ({error.strerror})") from error
         raise UndecodableImageError(
             f"{path}: cannot be decoded ({clipped(error)}), expected a whole image file"
         ) from error

@@ -148,11 +148,9 @@ class ListedCapture:
         Raises:
             PocketGSError: a photograph is missing or not an image, or no pixel of it would be left.
         """
-        preparation, frames = self._prepared(shrink), self.listing.frames
-        stored = {name: (header.width, header.height) for name, header in self._headers.items()}
+        preparation = self._prepared(shrink)
+        stored, held = self._stored_sizes, self._held_sizes(preparation)
         undone = self._undistorted_sizes if preparation.lens != "ignore" else {}
-        before = stored | undone if preparation.lens == "undistort" else stored
-        held = {source.name: _held_size(source, before[source.name], preparation) for source in frames}
         if preparation.lens == "direct" and undone:
             copies = {name: _scaled(undone.get(name, stored[name]), stored[name], size) for name, size in held.items()}
             return replace(self._outline(held, {}, shrink), copies=self._outline(copies, undone, shrink))
@@ -214,7 +212,9 @@ class ListedCapture:
             background=preparation.background,
             metric=self.listing.metric,
             origin=self.listing.origin,
-            protocol=", ".join([describe_images(self.listing.frames, frames, preparation), self.split]),
+            protocol=", ".join(
+                [describe_images(self.listing.frames, frames, preparation, self._is_reduced(preparation)), self.split]
+            ),
             warnings=warnings
             + mask_warnings(self.listing.frames, loaded, preparation.folder)
             + depth_warnings(self.listing.frames, loaded, preparation.folder),
@@ -261,6 +261,22 @@ class ListedCapture:
         stated = (camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy)
         return (source.lens, header.width, header.height, *stated)
 
+    def _is_reduced(self, preparation: Preparation) -> bool:
+        """Whether a photograph becomes smaller by more than cropping; a limit may be larger than all of them."""
+        return self._held_sizes(preparation) != self._held_sizes(replace(preparation, downscale=1.0, max_size=None))
+
+    def _held_sizes(self, preparation: Preparation) -> dict[str, Size]:
+        """Sizes of the prepared photographs by frame name."""
+        before = self._stored_sizes
+        if preparation.lens == "undistort":
+            before = before | self._undistorted_sizes
+        return {source.name: _held_size(source, before[source.name], preparation) for source in self.listing.frames}
+
+    @property
+    def _stored_sizes(self) -> dict[str, Size]:
+        """Sizes of the photographs' files by frame name."""
+        return {name: (header.width, header.height) for name, header in self._headers.items()}
+
     @property
     def _of_pinholes(self) -> Preparation:
         """How photographs are prepared when the geometry prior looks at them again: it knows no lens."""
@@ -280,13 +296,13 @@ def _may_read_again(shrink: int) -> bool:
     return shrink == 1
 
 
-def describe_images(sources: list[FrameSource], frames: list[Frame], preparation: Preparation) -> str:
-    """Text that says how the images were prepared; `frames` are those in use."""
+def describe_images(sources: list[FrameSource], frames: list[Frame], preparation: Preparation, is_reduced: bool) -> str:
+    """Text that says how the images were prepared; `frames` are those in use, one of which may be reduced."""
     distorted = any(source.lens.distorts for source in sources)
     sizes = {(frame.camera.width, frame.camera.height) for frame in frames}
     width, height = max(sizes)
     size = f"{width}x{height}" if len(sizes) == 1 else f"sizes up to {width}x{height}"
-    if preparation.downscale != 1 or preparation.max_size is not None:
+    if is_reduced:
         size = f"downscaled to {size}"
     if not distorted:
         words = [size]

@@ -30,7 +30,8 @@ class CaptureOptions:
         lens: Undo lens distortion and crop to what the lens saw (undistort), render through the lens (direct):
             photographs are then neither resampled nor cropped, fisheyes up to 180 degrees; or take images for those of
             pinhole cameras (ignore).
-        hold_out: Hold out every n-th frame for evaluation, unless the data set has its own split; 0 for none.
+        hold_out: Hold out every n-th frame for evaluation, unless the data set has its own split; 0 for none. Of fewer
+            than four frames none is held out, unless n is at most their number.
         masks: Folder with masks, white for pixels to use. By default those that the capture states or has in a folder
             masks or mask; "none" uses no masks.
     """

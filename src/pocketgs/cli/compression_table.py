@@ -9,7 +9,7 @@ from rich.table import Table
 from pocketgs.cli.terminal import Terminal
 from pocketgs.compression.compress import Compressed
 from pocketgs.compression.figures import Figures, figures_of
-from pocketgs.compression.spz_file import WRITING_SECONDS, as_spz
+from pocketgs.compression.spz_file import as_spz
 from pocketgs.compression.views import Views
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.engine import Engine
@@ -27,7 +27,7 @@ def figures_table(original: Gaussians, size: int, found: Compressed, engine: Eng
         engine: renders.
         views: of the compression.
     """
-    spz = as_spz(original) if found.seconds_left >= WRITING_SECONDS * len(original) else None
+    spz = as_spz(original) if found.compares_spz else None
     rows = [
         figures_of(ORIGINAL, original, size, engine, views),
         figures_of(SPZ, spz.scene, spz.bytes, engine, views) if spz else Figures(SPZ, len(original), None),

@@ -50,7 +50,9 @@ def evaluate(
         renderer, gaussians = drawn_by(scene, engine)
         opened = in_world_of(scene, read_for(scene, capture, reading))
     if not opened.held_out:
-        raise PocketGSError(f"{capture}: no view is held out, expected --hold-out of at least 2")
+        raise PocketGSError(
+            f"{capture}: no view is held out, expected --hold-out of 2 to the number of its photographs"
+        )
     check_unseen(scene, opened)
     names = [f"{name}.png" for name in plain_names(frame.name for frame in opened.held_out)]
     with publishing(pictures, names) if pictures else nullcontext() as staging:

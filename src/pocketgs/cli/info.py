@@ -103,7 +103,7 @@ def _scene_lines(scene: Gaussians) -> list[str]:
     lines = [f"{len(scene):,} Gaussians, spherical harmonics of degree {scene.sh_degree}"]
     drawn = scene.select(scene.is_finite)
     if len(drawn) < len(scene):
-        lines.append(f"{len(scene) - len(drawn):,} hold NaN or infinity and are not drawn; the others:")
+        lines.append(f"{len(scene) - len(drawn):,} of them hold NaN or infinity, and are left out below")
     return [*lines, *(_statistics(drawn) if len(drawn) else [])]
 
 

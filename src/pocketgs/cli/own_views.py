@@ -48,8 +48,8 @@ def own_cameras(scene: Path, gaussians: Gaussians) -> dict[str, Camera]:
     """
     cameras = cameras_of_result(scene)
     if not cameras and trained_cameras(scene):
-        found = f"not the {SCENE} of the run beside it, and perhaps moved since"
-        warn(scene, f"{found}: it is seen from around, not from the run's cameras; give the capture for a smaller file")
+        found = "may have been moved since the run beside it: it is drawn from around, not from the run's cameras"
+        warn(scene, f"{found}; give the capture for a smaller file")
     return not_too_many(cameras or cameras_around(gaussians))
 
 

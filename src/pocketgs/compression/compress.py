@@ -12,7 +12,7 @@ from pocketgs.compression.judgement import Judge
 from pocketgs.compression.options import QUALITY, CompressionOptions
 from pocketgs.compression.pruning import Pruner
 from pocketgs.compression.searches import search_by_size, search_on_photographs, search_on_renderings
-from pocketgs.compression.spz_file import rounded_as_spz
+from pocketgs.compression.spz_file import WRITING_SECONDS, rounded_as_spz
 from pocketgs.compression.timekeeper import StoppedError, Timekeeper
 from pocketgs.compression.views import Views
 from pocketgs.errors import PocketGSError
@@ -42,6 +42,9 @@ STEP = 3.0
 TABLE_ROWS = CANDIDATES + 3
 """Approximate number of scenes in the final comparison: candidates, one on fine grids, original, .spz."""
 
+COMPARISON_SHARE = 0.2
+"""Maximum share of the time to spend on a `.spz` that is only compared with."""
+
 COPIES = 24
 """Number of scenes in memory: five from rounds of pruning, ten before rounding, one as a .spz holds it, those in work,
 and while masks are trained the optimiser's and the gradients."""
@@ -56,7 +59,7 @@ class Compressed:
         candidates: all, in the order in which they were made.
         original_psnr: PSNR of the original in dB, comparable with the candidates'.
         bound: that the search was for.
-        seconds_left: of the time limit; infinite without one.
+        compares_spz: whether there is time to write a `.spz` to compare with.
         interrupted: whether Ctrl-C ended the search.
     """
 
@@ -64,7 +67,7 @@ class Compressed:
     candidates: list[Candidate]
     original_psnr: float
     bound: Bound
-    seconds_left: float
+    compares_spz: bool
     interrupted: bool
 
     @property
@@ -107,7 +110,9 @@ def compress(
         judge = Judge.of(scene, engine, views)
         rendering = max(timekeeper.elapsed(), 1e-3) / judge.renderings
         timekeeper.first_speed = 1.0 / (STEP * rendering)
-        timekeeper.reserve(TABLE_ROWS * len(views.reported) * rendering)
+        packing = WRITING_SECONDS * len(scene)
+        compares_spz = packing <= COMPARISON_SHARE * timekeeper.seconds_left()
+        timekeeper.reserve(TABLE_ROWS * len(views.reported) * rendering + compares_spz * packing)
         bound = _bound(scene, views, judge, options)
         tuner = FineTuner(engine, views.train, views.background, scene, options.seed, timekeeper.step)
         cameras = [frame.camera for frame in views.train]
@@ -131,7 +136,7 @@ def compress(
         candidates,
         judge.original_psnr,
         bound,
-        timekeeper.seconds_left(),
+        compares_spz,
         interrupt.requested,
     )
 

@@ -23,6 +23,7 @@ class TrainedOn:
         cameras: of the run.
         held_out: whether it held views out.
         protocol: how its photographs were prepared and split, as text.
+        shrink: factor by which it reduced photographs further than its options asked for, to fit in memory.
     """
 
     background: Background
@@ -30,6 +31,7 @@ class TrainedOn:
     cameras: SavedCameras
     held_out: bool
     protocol: str
+    shrink: int
 
     def overlap(self, capture: Capture) -> str | None:
         """Tells which held-out views of a capture the run was trained on, and what to do; None if there are none.
@@ -68,10 +70,11 @@ class TrainedOn:
         return frame.name in self.views if frame.name in names else not self.views.isdisjoint(names)
 
     def _protocols(self, capture: Capture) -> str:
-        return (
-            f"the protocol of its run is {self.protocol!r}, here it is {capture.protocol!r}; give the options that it "
-            "was trained with, such as --images, --downscale or --hold-out"
-        )
+        protocols = f"the protocol of its run is {self.protocol!r}, here it is {capture.protocol!r}"
+        if self.shrink > 1:
+            return f"{protocols}; to fit in memory, its run reduced photographs by another factor of {self.shrink}"
+        options = "--images, --downscale, --max-size or --hold-out"
+        return f"{protocols}; give the options that it was trained with, such as {options}"
 
 
 def trained_on(folder: Path) -> TrainedOn | None:
@@ -84,8 +87,9 @@ def trained_on(folder: Path) -> TrainedOn | None:
         record = read_json(folder / RECORD).values
         red, green, blue = map(float, record["capture"]["background"])
         held_out = {str(image["name"]) for image in record["images"]}
-        protocol = str(record["protocol"])
+        protocol, shrink = str(record["protocol"]), int(record["plan"]["shrink"])
     except (PocketGSError, OSError, KeyError, TypeError, ValueError):
         return None
     known = read_cameras(folder / CAMERAS) if holds_cameras(folder / CAMERAS) else SavedCameras({}, refined=False)
-    return TrainedOn((red, green, blue), frozenset(known.cameras) - held_out, known, bool(held_out), protocol)
+    views = frozenset(known.cameras) - held_out
+    return TrainedOn((red, green, blue), views, known, bool(held_out), protocol, shrink)

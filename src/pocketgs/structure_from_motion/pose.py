@@ -31,6 +31,7 @@ LITTLE_PARALLAX = (
     "the camera hardly moved: depths are coarse, and the focal length is EXIF's or a guess; for a scene that can be "
     "seen from elsewhere too, walk around what you photograph"
 )
+COPY_AGAIN = "If they are damaged, copy them from the camera again"
 MAX_NAMES = 12
 
 
@@ -102,9 +103,11 @@ def pose(
             gathered = {path.name for path in (staging / IMAGES).iterdir()}
             damaged = sorted({*damaged, *gathered.difference(photograph.name for photograph in photographs)})
             if len(photographs) < FEWEST:
-                raise PocketGSError(f"{source}: {_undecodable(damaged)}: at least {FEWEST} whole ones are needed")
+                raise PocketGSError(
+                    f"{source}: {_undecodable(damaged)}; expected at least {FEWEST} others: {COPY_AGAIN}"
+                )
             if damaged:
-                on_warning(f"{source}: {_undecodable(damaged)}; they are left out")
+                on_warning(f"{source}: {_undecodable(damaged)}; left out. {COPY_AGAIN}")
             model = staging / MODEL / "0"
             model.mkdir(parents=True)
             outcome = place_all(photographs, is_video(source), model, workspace, options, on_stage, on_count)
@@ -188,7 +191,7 @@ def _threads(source: Path, options: PoseOptions) -> int:
 def _undecodable(damaged: list[str]) -> str:
     """What to say of photographs that cannot be decoded."""
     count = counted(len(damaged), "photograph", "photographs")
-    return f"{count} cannot be decoded: {listed(damaged, MAX_NAMES)}. Copy them from the camera again"
+    return f"{count} cannot be decoded: {listed(damaged, MAX_NAMES)}"
 
 
 def _lacking(unplaced: list[str], frames: int, other_models: list[int]) -> str:

@@ -41,9 +41,9 @@ class TrainingOptions:
         colours: learn an affine colour transform for each training photograph beside the scene.
         transients: "mask" masks things that other photographs do not show, such as people who walk by, in the loss;
             "keep" trains on all pixels.
-        recipe: loss, learning rates and their schedule: "pocketgs" for hundreds of iterations; "long" until more no
-            longer pays; "3dgs-7k" and "3dgs-30k" are 3DGS's; "reference" has 3DGS's rates, in a run of any length; None
-            for the effort's.
+        recipe: loss, learning rates and their schedule: "pocketgs" for hundreds of iterations; "long" trains until
+            more steps no longer pay; "3dgs-7k" and "3dgs-30k" are 3DGS's; "reference" has 3DGS's rates, in a run of any
+            length; None for the effort's.
         strategy: how the number of Gaussians changes: "fixed" keeps it; "adc" clones, splits and prunes as 3DGS does;
             "mcmc" relocates transparent Gaussians; "budgeted" grows where the training views have errors; None for the
             recipe's.
