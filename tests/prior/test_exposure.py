@@ -11,7 +11,7 @@ import pytest
 
 from pocketgs.capture.capture import Capture, Frame
 from pocketgs.geometry.camera import Camera
-from pocketgs.prior.exposure import compensated, exposure_gains, needs_compensation
+from pocketgs.prior.exposure import BRIGHTEST, compensated, exposure_gains, needs_compensation
 from pocketgs.prior.features.observations import Observations
 from pocketgs.prior.features.tracks import view_distances
 from pocketgs.prior.poses.structure import Structure
@@ -57,7 +57,7 @@ def test_compensation_undoes_exposure(clean_walk: Capture, clean_structure: Stru
     for before, photograph, after in zip(clean_walk.train, photographs, compensated(photographs, gains), strict=True):
         assert after.image.dtype == np.uint8
         assert replace(after, image=photograph.image) == photograph
-        unclipped = photograph.image < 255
+        unclipped = (photograph.image < 255) & (photograph.image.min(axis=2, keepdims=True) <= BRIGHTEST)
         difference = np.abs(after.image.astype(int) - before.image)[unclipped]
         assert difference.mean() < 1.0
         assert difference.max() <= 4
@@ -71,9 +71,24 @@ def test_gains_of_one_change_nothing(clean_walk: Capture) -> None:
 @pytest.mark.parametrize("gain", [0.01, 100.0])
 def test_compensated_levels_stay_in_range(clean_walk: Capture, gain: float) -> None:
     (frame,) = compensated(clean_walk.train[:1], np.full((1, 3), gain))
-    expected = 0 if gain > 1 else 255
-    assert np.all(frame.image[clean_walk.train[0].image > 5] <= expected + 3)
-    assert np.all(frame.image[clean_walk.train[0].image > 5] >= expected - 3)
+    expected, before = 0 if gain > 1 else 255, clean_walk.train[0].image
+    changed = (before > 5) & (before.min(axis=2, keepdims=True) <= BRIGHTEST)
+    assert np.all(frame.image[changed] <= expected + 3)
+    assert np.all(frame.image[changed] >= expected - 3)
+
+
+def test_white_stays_white(clean_walk: Capture) -> None:
+    """It may be cut off, or what an object was laid on. Just below, it changes less and less."""
+    image = np.full((180, 240, 3), 200, np.uint8)
+    image[0, :16] = np.arange(240, 256, dtype=np.uint8)[:, None]
+    image[1, 0] = 255, 60, 60
+    (after,) = compensated([replace(clean_walk.train[0], image=image)], np.full((1, 3), 1.4))
+    np.testing.assert_array_equal(after.image[0, 15], 255)
+    levels = after.image[0, :16, 0].astype(int)
+    assert np.all(np.diff(levels) >= 0)
+    np.testing.assert_array_equal(levels[:8], np.rint(np.arange(240, 248) / 1.4))
+    np.testing.assert_array_equal(after.image[1, 0], np.rint(np.array([255, 60, 60]) / 1.4))
+    assert np.all(after.image[2:] == 143)
 
 
 @pytest.mark.parametrize("by", ["alpha", "mask"])

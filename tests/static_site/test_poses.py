@@ -367,7 +367,7 @@ def test_exposure(call: Call, walk: Walk) -> None:
         const needs = [gains, gains.map(() => [1, 1, 1])].map((one) => {
             return module.needsCompensation(structure.cameras, one, given.distance, exposure);
         });
-        const [, evened] = module.compensated(frames, given.gains);
+        const [, evened] = module.compensated(frames, given.gains, exposure);
         const few = module.exposureGains(frames, structure, given.distance, { ...exposure, min_points: 1e6 });
         return [gains, needs, [...evened.rgba], few];
     """
@@ -376,6 +376,9 @@ def test_exposure(call: Call, walk: Walk) -> None:
     mask = np.ones((120, 160), bool)
     mask[:, :40] = False
     frames[3] = replace(frames[3], mask=mask)
+    near_white = frames[1].image.copy()
+    near_white[:16, :160] = np.arange(240, 256, dtype=np.uint8)[:, None, None]
+    frames[1] = replace(frames[1], image=near_white)
     tracks, _ = link(walk.features, walk.matches)
     points, seen = _agreeing(walk.true, tracks, 2.0)
     structure = Structure(

@@ -181,16 +181,26 @@ def needs_compensation(frames: Sequence[Frame], gains: np.ndarray, scale: Scale)
 def compensated(frames: Sequence[Frame], gains: np.ndarray) -> list[Frame]:
     """The photographs as they would have been taken at the mean exposure.
 
+    White that a sensor cuts off, or that an object was laid on, stays white: nobody knows how bright it was.
+
     Args:
         frames: F photographs.
         gains: (F, 3) of each; those with alpha stay as they are, see `undone_gains`.
     """
     return [
-        replace(frame, image=np.clip(np.rint(frame.image / gain), 0, 255).astype(np.uint8))
-        if frame.alpha is None
-        else frame
+        frame if frame.alpha is not None else replace(frame, image=_without_gain(frame.image, gain))
         for frame, gain in zip(frames, gains, strict=True)
     ]
+
+
+def _without_gain(image: np.ndarray, gain: np.ndarray) -> np.ndarray:
+    """(H, W, 3) uint8 of an image at the mean exposure; from BRIGHTEST to white it changes less and less."""
+    found = image / gain
+    rows, columns = np.nonzero(image.min(axis=2) > BRIGHTEST)
+    bright = image[rows, columns]
+    kept = (bright.min(axis=1, keepdims=True) - BRIGHTEST) / (255 - BRIGHTEST)
+    found[rows, columns] += kept * (bright - found[rows, columns])
+    return np.clip(np.rint(found), 0, 255).astype(np.uint8)
 
 
 def undone_gains(frames: Sequence[Frame], gains: np.ndarray) -> np.ndarray | None:

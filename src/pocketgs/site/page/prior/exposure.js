@@ -155,19 +155,32 @@ export function needsCompensation(cameras, gains, distance, { neighbours, min_va
 
 /**
  * The photographs as they would have been taken at the mean exposure. Those with alpha stay as they are: they were cut
- * out and laid on a background, which has no exposure.
+ * out and laid on a background, which has no exposure. White that a sensor cuts off, or that an object was laid on,
+ * stays white: nobody knows how bright it was.
  *
  * @param {Frame[]} frames
  * @param {number[][]} gains of each
+ * @param {{brightest: number}} settings `prior.exposure`
  * @returns {Frame[]}
  */
-export function compensated(frames, gains) {
+export function compensated(frames, gains, { brightest }) {
     return frames.map((frame, i) => {
-        if (frame.hasAlpha) {
-            return frame;
-        }
-        // A clamped array rounds and cuts off by itself.
-        const rgba = frame.rgba.map((level, at) => (at % 4 < 3 ? level / gains[i][at % 4] : level));
-        return { ...frame, rgba };
+        return frame.hasAlpha ? frame : { ...frame, rgba: withoutGain(frame.rgba, gains[i], brightest) };
     });
+}
+
+/** Colours at the mean exposure; from `brightest` to white they change less and less. */
+function withoutGain(rgba, gain, brightest) {
+    // A clamped array rounds and cuts off by itself.
+    const found = rgba.slice();
+    for (let pixel = 0; pixel < rgba.length; pixel += 4) {
+        const least = Math.min(rgba[pixel], rgba[pixel + 1], rgba[pixel + 2]);
+        const kept = Math.max(0, (least - brightest) / (255 - brightest));
+        for (let channel = 0; channel < 3; channel++) {
+            const level = rgba[pixel + channel];
+            const changed = level / gain[channel];
+            found[pixel + channel] = changed + kept * (level - changed);
+        }
+    }
+    return found;
 }

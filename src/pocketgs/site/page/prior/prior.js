@@ -139,7 +139,7 @@ function withStructure(capture, structure, own, { distance }, settings) {
     const [train, heldOut] = [posed(capture.train, 0), posed(capture.heldOut, capture.train.length)];
     const gains = exposureGains(train, own, distance, settings.exposure);
     const isNeeded = needsCompensation(own.cameras, gains, distance, settings.exposure);
-    return { ...capture, train: isNeeded ? compensated(train, gains) : train, heldOut };
+    return { ...capture, train: isNeeded ? compensated(train, gains, settings.exposure) : train, heldOut };
 }
 
 /**
