@@ -18,8 +18,8 @@ def choose_held_out(listing: Listing, every: int) -> tuple[frozenset[str], str]:
 
     Args:
         listing: the capture; its own split is used if it has one.
-        every: otherwise hold out frames 0, every, 2·every, … in order of name, unless there are few and fewer than
-            this; 0 holds nothing out, and ignores the data set's split too.
+        every: otherwise hold out frames 0, every, 2·every, … in order of name, unless there are fewer than this
+            and than four; 0 holds nothing out, and ignores the data set's split too.
     """
     if every == 0:
         return frozenset(), NOTHING

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -42,7 +43,12 @@ def names_scene(path: Path) -> bool:
     settle(path)
     if is_scene_name(path) or path.name.lower().endswith(OTHER_SCENES):
         return True
-    return any(all((path / name).is_file() for name in names) for names in ((SCENE, RECORD), UNBUNDLED))
+    return _holds(path, (SCENE, RECORD)) or _holds(path, UNBUNDLED)
+
+
+def _holds(folder: Path, names: Iterable[str]) -> bool:
+    """Whether a path is a folder with all of these files."""
+    return all((folder / name).is_file() for name in names)
 
 
 def folder_of(scene: Path) -> Path:
@@ -70,7 +76,7 @@ def load_scene(path: Path) -> Gaussians:
     """
     if is_sort_free(path):
         raise PocketGSError(f"{path}: a scene that is drawn without sorting, expected one that is sorted")
-    if all((path / name).is_file() for name in UNBUNDLED):
+    if _holds(path, UNBUNDLED):
         raise PocketGSError(f"{path}: an unbundled SOG, expected a file: zip what is in the folder as a .sog")
     return read_scene(path / SCENE if path.is_dir() else path)
 

@@ -104,7 +104,7 @@ def pose(
             damaged = sorted({*damaged, *gathered.difference(photograph.name for photograph in photographs)})
             if len(photographs) < FEWEST:
                 raise PocketGSError(
-                    f"{source}: {_undecodable(damaged)}; expected at least {FEWEST} others: {COPY_AGAIN}"
+                    f"{source}: {_undecodable(damaged)}; expected at least {FEWEST} others. {COPY_AGAIN}"
                 )
             if damaged:
                 on_warning(f"{source}: {_undecodable(damaged)}; left out. {COPY_AGAIN}")
