@@ -226,6 +226,7 @@ def test_the_reading_of_the_run_is_kept(
     """Its background, unless another is given; of other held-out views there is a warning."""
     record = json.loads((result / "run.json").read_text())
     record["capture"]["background"] = [1.0, 0.5, 0.25]
+    record["protocol"] = "96x72, on RGB (1, 0.5, 0.25), held out every 8th by name"
     (result / "run.json").write_text(json.dumps(record))
     seen: list[Capture] = []
 

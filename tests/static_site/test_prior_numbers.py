@@ -12,6 +12,7 @@ import pytest
 
 from pocketgs.capture import Capture, Frame
 from pocketgs.capture.frame_edits import downscaled
+from pocketgs.capture.plain_background import plain_background
 from pocketgs.capture.synthetic import true_capture
 from pocketgs.geometry.camera import Camera
 from pocketgs.prior.cloud import complete
@@ -327,6 +328,25 @@ def test_completed_clouds(
     np.testing.assert_allclose(positions, expected.added.positions, atol=1e-4)
     np.testing.assert_allclose(directions, expected.added.directions, atol=1e-5)
     np.testing.assert_allclose(colours, expected.added.colours, atol=2 / 255)
+
+
+def test_the_plain_background(call: Call, frames: list[Frame]) -> None:
+    """Random photographs have none; before a colour, of any size and with masks, they have."""
+    script = TYPED + "return given.map((frames) => module.plainBackground(framesOf(frames), settings.capture));"
+    opaque = [replace(frame, alpha=None) for frame in frames]
+    before = [replace(frame, image=np.where(_inner(frame.image), frame.image, np.uint8(203))) for frame in opaque]
+    thin = [downscaled(frame, 36, None) for frame in before[2:4]]
+    cases = [opaque, before, thin, [frames[0], *before[1:]]]
+    expected = [plain_background(case) for case in cases]
+    assert [found is None for found in expected] == [True, False, False, True]
+    found = call("capture/plain_background.js", script, [plain_frames(case) for case in cases])
+    assert found == [None if colour is None else pytest.approx(colour) for colour in expected]
+
+
+def _inner(image: np.ndarray) -> np.ndarray:
+    inner = np.zeros((*image.shape[:2], 1), dtype=bool)
+    inner[4:-4, 4:-4] = True
+    return inner
 
 
 @pytest.mark.parametrize("sure", [0.5, 0.01])

@@ -20,11 +20,13 @@ from pocketgs.capture.loading import (
     map_frames,
     refers_to_turned_pixels,
 )
+from pocketgs.capture.plain_background import plain_background
 from pocketgs.capture.undistortion import MAP_PIXEL, MAX_KEPT, inner_rectangle
 from pocketgs.capture.video_file import VideoFrame
 from pocketgs.errors import PocketGSError
 from pocketgs.files.memory_bound import fits, require_memory, room_for
 from pocketgs.files.opening import reading_inside
+from pocketgs.scene.background import BLACK, Background
 
 RGB_BYTES = 3
 
@@ -129,6 +131,7 @@ class ListedCapture:
         split: how they were chosen, as text.
         preparation: applied to every image.
         size_is_given: whether the user chose the image size.
+        background_is_given: whether the user chose the background.
     """
 
     name: str
@@ -138,6 +141,7 @@ class ListedCapture:
     split: str
     preparation: Preparation
     size_is_given: bool = False
+    background_is_given: bool = False
 
     def outline(self, shrink: int = 1) -> Outline:
         """Image sizes, from the photographs' headers.
@@ -202,11 +206,14 @@ class ListedCapture:
         warnings = self.listing.warnings + masked_out_warning(loaded, frames)
         if all(frame.name in self.held_out_names for frame in frames):
             raise PocketGSError(f"{self.path}: {warnings[-1]}; no frame is left to train on")
+        train = [frame for frame in frames if frame.name not in self.held_out_names]
+        if not self.background_is_given:
+            preparation = replace(preparation, background=plain_background(train) or preparation.background)
         return Capture(
             name=self.name,
             path=self.path,
             format=self.listing.format,
-            train=[frame for frame in frames if frame.name not in self.held_out_names],
+            train=train,
             held_out=[frame for frame in frames if frame.name in self.held_out_names],
             points=self.listing.points,
             background=preparation.background,
@@ -312,7 +319,7 @@ def describe_images(sources: list[FrameSource], frames: list[Frame], preparation
         words = ["as photographed (lens in the renderer)", size]
     else:
         words = ["as published (distorted)", size]
-    if any(frame.alpha is not None for frame in frames):
+    if preparation.background != BLACK or any(frame.alpha is not None for frame in frames):
         words.append(f"on {_colour_name(preparation.background)}")
     masked = sum(frame.mask is not None for frame in frames)
     if masked:
@@ -320,7 +327,7 @@ def describe_images(sources: list[FrameSource], frames: list[Frame], preparation
     return ", ".join(words)
 
 
-def _colour_name(colour: tuple[float, float, float]) -> str:
+def _colour_name(colour: Background) -> str:
     names = {(0.0, 0.0, 0.0): "black", (1.0, 1.0, 1.0): "white"}
     return names.get(colour, "RGB ({:g}, {:g}, {:g})".format(*colour))
 

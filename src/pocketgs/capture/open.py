@@ -67,8 +67,8 @@ def open_capture(
         images: folder inside the capture to take the images from, for formats that have several sizes.
         downscale: reduce images by this factor, at least 1, averaging areas; None to keep their size.
         max_size: reduce images further if their longer side exceeds this many pixels.
-        background: RGB in [0, 1] to composite images with alpha on; None for the format's default: white for blender,
-            else black.
+        background: RGB in [0, 1] behind the scene, which images with alpha are composited on; None for white if the
+            format is blender, else black, or for the plain colour that images without alpha show an object before.
         lens: "undistort" undoes lens distortion and crops to what the lens saw; "direct" leaves images as they were
             photographed, and gives their cameras the lens; "ignore" treats them as pinhole images.
         hold_out_every: hold out every n-th frame by name, unless the data set has its own split, or fewer than n and
@@ -130,7 +130,16 @@ def list_capture(
         folder=folder_of(path),
         masks=masks_of.named_folder(folder, masks),
     )
-    return ListedCapture(capture_name(path), path, listing, held_out_names, split, preparation, downscale is not None)
+    return ListedCapture(
+        capture_name(path),
+        path,
+        listing,
+        held_out_names,
+        split,
+        preparation,
+        size_is_given=downscale is not None,
+        background_is_given=background is not None,
+    )
 
 
 def read_listing(path: Path, images: str | None = None) -> Listing:

@@ -25,8 +25,9 @@ class CaptureOptions:
         downscale: Reduce images by this factor, averaging areas. By default not at all, or, if a run's budgets are too
             small for that, by the smallest integer factor that fits.
         max_size: Reduce images further so that their longer side has at most this many pixels.
-        background: Red, green and blue from 0 to 1 behind images with alpha, or that an object was laid on. By default
-            that of the given scene's run, or the format's own.
+        background: Red, green and blue from 0 to 1 behind the scene and behind images with alpha. By default that of
+            the given scene's run, the plain colour that photographs without alpha show an object before, or the
+            format's own.
         lens: Undo lens distortion and crop to what the lens saw (undistort), render through the lens (direct):
             photographs are then neither resampled nor cropped, fisheyes up to 180 degrees; or take images for those of
             pinhole cameras (ignore).

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from pocketgs.capture import plain_background
 from pocketgs.capture.cloud_file import LARGEST_FRACTION, UNKNOWN_COLOUR
 from pocketgs.capture.formats.colmap import IMAGE_FOLDERS, MODEL_FOLDERS, MODELS_BESIDE
 from pocketgs.capture.formats.colmap_model import CAMERA_MODELS, UNSUPPORTED_MODELS
@@ -157,6 +158,7 @@ def _capture() -> dict[str, Any]:
         "one_point": ONE_POINT,
         "largest_fraction": LARGEST_FRACTION,
         "metric_extent": METRIC_EXTENT,
+        "plain_background": {"like": plain_background.LIKE, "least_share": plain_background.LEAST_SHARE},
         "unknown_colour": UNKNOWN_COLOUR,
         "border_samples": BORDER_SAMPLES,
         "max_half_field": MAX_HALF_FIELD,

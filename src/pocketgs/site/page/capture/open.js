@@ -14,6 +14,7 @@ import { heldOutOf } from "./listing.js";
 import * as nerfstudio from "./nerfstudio.js";
 import { withMasks } from "./masks.js";
 import { decodedPhotograph, prepared } from "./photograph.js";
+import { plainBackground } from "./plain_background.js";
 import * as polycam from "./polycam.js";
 import * as record3d from "./record3d.js";
 import * as scannerApp from "./scanner_app.js";
@@ -107,7 +108,8 @@ export async function loadCapture(listing, most, settings, onProgress) {
         ...(await maskWarnings(frames.filter(isWithoutMask))),
         ...(await depthWarnings(frames.filter(isWithout))),
     ];
-    return { train, heldOut: rest, cloud, background, isMetric, warnings: [...warnings, ...leftOut] };
+    const behind = plainBackground(train, settings.capture) ?? background;
+    return { train, heldOut: rest, cloud, background: behind, isMetric, warnings: [...warnings, ...leftOut] };
 }
 
 /** Every frame with its pixels. The frames of a capture are photographs, or those of one video. */
