@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 import subprocess
 from collections.abc import Callable
@@ -101,12 +102,12 @@ def test_message_shows_names_as_they_are(refused: Callable[..., str], tmp_path: 
     assert "/[red]a:smile:b c: no such file" in refused("info", tmp_path / "[red]a:smile:b\nc")
 
 
-def test_image_cut_off(refused: Callable[..., str], capture_folder: Path, result: Path) -> None:
-    image = capture_folder / "images" / "0003.png"
-    image.write_bytes(image.read_bytes()[:3000])
-    assert "0003.png: cannot be decoded" in refused("train", capture_folder, "--output", result)
-    image.write_bytes(b"")
-    assert "0003.png: cannot be decoded" in refused("train", capture_folder, "--output", result)
+@pytest.mark.parametrize("keep", [3000, 0])
+def test_images_cut_off(refused: Callable[..., str], capture_folder: Path, result: Path, keep: int) -> None:
+    for image in (capture_folder / "images").iterdir():
+        image.write_bytes(image.read_bytes()[:keep])
+    message = refused("train", capture_folder, "--output", result)
+    assert re.search(r"000[01]\.png: cannot be decoded", message)
 
 
 def test_cloud_that_is_none(refused: Callable[..., str], capture_folder: Path, result: Path) -> None:

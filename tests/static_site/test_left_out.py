@@ -69,6 +69,28 @@ def test_masks_cut_short_and_of_another_shape(call: Call, capture_folder: Path) 
     assert misshapen == expected.warnings[1]
 
 
+def test_damaged_photographs(call: Call, capture_folder: Path) -> None:
+    """One without a header, one that ends early; the masks of the others still belong to them."""
+    (capture_folder / "masks").mkdir()
+    images = sorted((capture_folder / "images").iterdir())
+    for path in images:
+        Image.new("L", (96, 72), 255).save(capture_folder / "masks" / path.name)
+    (capture_folder / "masks" / images[5].name).write_bytes(b"")
+    images[2].write_bytes(b"")
+    images[4].write_bytes(images[4].read_bytes()[:600])
+    outlined = 'const {outlineOf} = await import(new URL("capture/outline.js", location.href));' + LOAD.replace(
+        'return [namesWith("depth"), ',
+        "return [train.map(({name}) => name), (await outlineOf(listing, settings.capture)).frames.length, ",
+    )
+    names, count, (found, without_mask), with_mask = call("capture/open.js", outlined, given_files(capture_folder))
+    expected = open_capture(capture_folder)
+    assert names == [frame.name for frame in expected.train]
+    assert count == len(images) - 1
+    assert found.split("(")[0] == expected.warnings[0].split("(")[0]
+    assert without_mask.split("(")[0] == expected.warnings[1].split("(")[0]
+    assert with_mask == [frame.name for frame in expected.train if frame.mask is not None]
+
+
 def test_confidence_of_another_size(call: Call, copied_phone: Callable[[str], Path]) -> None:
     folder = copied_phone("polycam")
     _, second, *_ = sorted((folder / "keyframes" / "confidence").iterdir())  # the first frame is held out

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from pocketgs.capture.capture import Frame
@@ -11,6 +11,19 @@ from pocketgs.capture.loading import reliable_depth
 from pocketgs.capture.mask_file import read_mask
 from pocketgs.errors import PocketGSError
 from pocketgs.files.opening import reading_inside
+
+
+def damaged_warning(damaged: Mapping[str, PocketGSError], of: int) -> tuple[str, ...]:
+    """One warning that counts the photographs that cannot be decoded, or none.
+
+    Args:
+        damaged: errors by frame name.
+        of: number of frames.
+    """
+    if not damaged:
+        return ()
+    found = f"{len(damaged)} of {of} photographs cannot be decoded, the first {min(damaged)}"
+    return (f"{found}: these frames are left out ({damaged[min(damaged)]}); if they are damaged, copy them again",)
 
 
 def masked_out_warning(loaded: Sequence[Frame], usable: Sequence[Frame]) -> tuple[str, ...]:

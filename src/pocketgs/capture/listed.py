@@ -2,122 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
-from pocketgs.capture.capture import Capture, Frame, Result
+from pocketgs.capture.capture import Capture, Frame
 from pocketgs.capture.frame_edits import size_after
-from pocketgs.capture.image_file import DECODING, DECODING_ALPHA, ImageHeader, read_header
-from pocketgs.capture.left_out import depth_warnings, mask_warnings, masked_out_warning
+from pocketgs.capture.image_file import ImageHeader, UndecodableImageError
+from pocketgs.capture.left_out import damaged_warning, depth_warnings, mask_warnings, masked_out_warning
 from pocketgs.capture.listing import FrameSource, Listing
 from pocketgs.capture.loading import (
     MAX_READERS,
     Preparation,
     camera_of_size,
+    header_of,
     load_frames,
-    map_frames,
-    refers_to_turned_pixels,
 )
+from pocketgs.capture.outline import Outline, Size
 from pocketgs.capture.plain_background import plain_background
-from pocketgs.capture.undistortion import MAP_PIXEL, MAX_KEPT, inner_rectangle
-from pocketgs.capture.video_file import VideoFrame
+from pocketgs.capture.stored_photographs import StoredPhotographs
+from pocketgs.capture.undistortion import inner_rectangle
 from pocketgs.errors import PocketGSError
 from pocketgs.files.memory_bound import fits, require_memory, room_for
 from pocketgs.files.opening import reading_inside
 from pocketgs.scene.background import BLACK, Background
 
 RGB_BYTES = 3
-
-Size = tuple[int, int]
-"""Width and height in pixels."""
-
-
-@dataclass(frozen=True)
-class Outline:
-    """The image sizes that determine the memory and the time of a run.
-
-    Attributes:
-        training: sizes of the training photographs, as held in memory.
-        held_out: sizes of the held-out photographs.
-        stored_pixels: pixels of the largest photograph as stored.
-        undone_pixels: pixels of the largest photograph once its lens is undone, before it is made smaller; 0 where no
-            lens is.
-        lenses: number of lenses that are undone, of each size of photograph.
-        pixel_bytes: bytes per pixel: colour and, where frames have them, alpha, mask and depth.
-        has_alpha: whether a photograph has alpha.
-        read_again: whether features may be found in photographs that are read again at a larger size.
-        copies: those of the undistorted copies that the geometry prior looks at, where photographs keep their lenses.
-    """
-
-    training: tuple[Size, ...]
-    held_out: tuple[Size, ...]
-    stored_pixels: int
-    undone_pixels: int = 0
-    lenses: int = 0
-    pixel_bytes: int = 3
-    has_alpha: bool = False
-    read_again: bool = True
-    copies: Outline | None = None
-
-    @property
-    def largest(self) -> Size:
-        """Size of the photograph with the most pixels."""
-        return max((*self.training, *self.held_out), key=lambda size: size[0] * size[1])
-
-    @property
-    def least_side(self) -> int:
-        """The shortest side of any photograph."""
-        return min(min(size) for size in (*self.training, *self.held_out))
-
-    @property
-    def pixels(self) -> int:
-        """Pixels of the largest photograph."""
-        width, height = self.largest
-        return width * height
-
-    @property
-    def image_bytes(self) -> int:
-        """Memory of all photographs with their alphas, masks and depths."""
-        return self.pixel_bytes * sum(width * height for width, height in (*self.training, *self.held_out))
-
-    @property
-    def reading_bytes(self) -> int:
-        """Memory while the largest photograph is read, with the maps by which lenses are undone."""
-        undoing = self.pixel_bytes + MAP_PIXEL * min(self.lenses, MAX_KEPT)
-        return (DECODING_ALPHA if self.has_alpha else DECODING) * self.stored_pixels + undoing * self.undone_pixels
-
-
-@dataclass(frozen=True)
-class StoredPhotographs:
-    """Photographs in files; implements `pocketgs.capture.capture.Photographs`.
-
-    Attributes:
-        sources: the frames.
-        preparation: applied to every image, except for its size limits.
-        readers: number of photographs to read at the same time.
-    """
-
-    sources: list[FrameSource]
-    preparation: Preparation
-    readers: int = MAX_READERS
-
-    @cached_property
-    def longest_side(self) -> int:
-        """Longest side of any stored photograph, in pixels."""
-        headers = [_header(source) for source in self.sources]
-        return max(max(header.width, header.height) for header in headers)
-
-    def map(self, look: Callable[[Frame], Result], max_size: int) -> dict[str, Result]:
-        """Apply `look` to every frame, decoded at most `max_size` pixels a side, and return the results by name.
-
-        Raises:
-            PocketGSError: a photograph cannot be used.
-        """
-        preparation = replace(self.preparation, downscale=1.0, max_size=max_size)
-        found = map_frames(self.sources, preparation, look, self.readers)
-        return dict(zip((source.name for source in self.sources), found, strict=True))
 
 
 @dataclass(frozen=True)
@@ -165,7 +76,7 @@ class ListedCapture:
         headers = self._headers
 
         def sizes(held_out: bool) -> tuple[Size, ...]:
-            names = (source.name for source in self.listing.frames)
+            names = (source.name for source in self._sources)
             return tuple(held[name] for name in names if (name in self.held_out_names) == held_out)
 
         return Outline(
@@ -173,8 +84,8 @@ class ListedCapture:
             held_out=sizes(held_out=True),
             stored_pixels=max(header.width * header.height for header in headers.values()),
             undone_pixels=max((width * height for width, height in undone.values()), default=0),
-            lenses=len({self._undoing_of(source) for source in self.listing.frames if source.name in undone}),
-            pixel_bytes=max(_pixel_bytes(source, headers[source.name]) for source in self.listing.frames),
+            lenses=len({self._undoing_of(source) for source in self._sources if source.name in undone}),
+            pixel_bytes=max(_pixel_bytes(source, headers[source.name]) for source in self._sources),
             has_alpha=any(header.has_alpha for header in headers.values()),
             read_again=_may_read_again(shrink),
         )
@@ -201,9 +112,14 @@ class ListedCapture:
             PocketGSError: one of them cannot be used.
         """
         preparation, readers = self._prepared(shrink), min(readers, self._readers(shrink))
-        loaded = load_frames(self.listing.frames, preparation, readers)
+        damaged = dict(self._headers_and_damaged[1])
+        loaded = load_frames(
+            self._sources, preparation, readers, lambda source, error: damaged.__setitem__(source.name, error)
+        )
         frames = [frame for frame in loaded if frame.mask is None or frame.mask.any()]
-        warnings = self.listing.warnings + masked_out_warning(loaded, frames)
+        warnings = self.listing.warnings + damaged_warning(damaged, len(self.listing.frames))
+        warnings += masked_out_warning(loaded, frames)
+        sources = [source for source in self._sources if source.name not in damaged]
         if all(frame.name in self.held_out_names for frame in frames):
             raise PocketGSError(f"{self.path}: {warnings[-1]}; no frame is left to train on")
         train = [frame for frame in frames if frame.name not in self.held_out_names]
@@ -220,21 +136,41 @@ class ListedCapture:
             metric=self.listing.metric,
             origin=self.listing.origin,
             protocol=", ".join(
-                [describe_images(self.listing.frames, frames, preparation, self._is_reduced(preparation)), self.split]
+                [describe_images(sources, frames, preparation, self._is_reduced(preparation)), self.split]
             ),
             warnings=warnings
-            + mask_warnings(self.listing.frames, loaded, preparation.folder)
-            + depth_warnings(self.listing.frames, loaded, preparation.folder),
-            photographs=(
-                StoredPhotographs(self.listing.frames, self._of_pinholes, readers) if _may_read_again(shrink) else None
-            ),
+            + mask_warnings(sources, loaded, preparation.folder)
+            + depth_warnings(sources, loaded, preparation.folder),
+            photographs=StoredPhotographs(sources, self._of_pinholes, readers) if _may_read_again(shrink) else None,
         )
 
-    @cached_property
+    @property
     def _headers(self) -> dict[str, ImageHeader]:
-        """Headers by frame name."""
+        """Headers by frame name, of the frames that have one."""
+        return self._headers_and_damaged[0]
+
+    @cached_property
+    def _headers_and_damaged(self) -> tuple[dict[str, ImageHeader], dict[str, UndecodableImageError]]:
+        """Headers by frame name, and the errors of photographs that have none because they are damaged.
+
+        Raises:
+            PocketGSError: a photograph is missing, or all to train on are damaged.
+        """
+        headers, damaged = {}, dict[str, UndecodableImageError]()
         with reading_inside(self.preparation.folder):
-            return {source.name: _header(source) for source in self.listing.frames}
+            for source in self.listing.frames:
+                try:
+                    headers[source.name] = header_of(source)
+                except UndecodableImageError as error:
+                    damaged[source.name] = error
+        if self.held_out_names.issuperset(headers):
+            raise next(error for name, error in damaged.items() if name not in self.held_out_names)
+        return headers, damaged
+
+    @property
+    def _sources(self) -> list[FrameSource]:
+        """The frames whose photographs have a header."""
+        return [source for source in self.listing.frames if source.name in self._headers]
 
     def _readers(self, shrink: int) -> int:
         """Number of photographs to read at the same time.
@@ -244,7 +180,7 @@ class ListedCapture:
         """
         outline = self.outline(shrink)
         width, height = outline.largest
-        count = len(self.listing.frames)
+        count = len(self._sources)
         require_memory(self.path, outline.image_bytes, f"{count} photographs of up to {width}x{height} pixels")
         reading = max(each.reading_bytes for each in (outline, outline.copies) if each)
         return room_for(reading, MAX_READERS, held=outline.image_bytes)
@@ -254,7 +190,7 @@ class ListedCapture:
         """Sizes after undistortion by name, of the frames that have a lens. Most share it."""
         of_lens: dict[tuple, Size] = {}
         sizes = {}
-        for source in self.listing.frames:
+        for source in self._sources:
             if source.lens.distorts:
                 key = self._undoing_of(source)
                 if key not in of_lens:
@@ -277,7 +213,7 @@ class ListedCapture:
         before = self._stored_sizes
         if preparation.lens == "undistort":
             before = before | self._undistorted_sizes
-        return {source.name: _held_size(source, before[source.name], preparation) for source in self.listing.frames}
+        return {source.name: _held_size(source, before[source.name], preparation) for source in self._sources}
 
     @property
     def _stored_sizes(self) -> dict[str, Size]:
@@ -330,15 +266,6 @@ def describe_images(sources: list[FrameSource], frames: list[Frame], preparation
 def _colour_name(colour: Background) -> str:
     names = {(0.0, 0.0, 0.0): "black", (1.0, 1.0, 1.0): "white"}
     return names.get(colour, "RGB ({:g}, {:g}, {:g})".format(*colour))
-
-
-def _header(source: FrameSource) -> ImageHeader:
-    if isinstance(source.image, VideoFrame):
-        return ImageHeader(source.camera.width, source.camera.height, has_alpha=False)
-    header = read_header(source.image)
-    if refers_to_turned_pixels(source, header):
-        return ImageHeader(*header.upright_size, header.has_alpha)
-    return header
 
 
 def _undistorted_size(source: FrameSource, header: ImageHeader) -> Size:

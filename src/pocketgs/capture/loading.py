@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from itertools import groupby, islice
+from itertools import chain, groupby, islice
 from pathlib import Path
 from typing import Literal
 
@@ -14,7 +14,7 @@ import numpy as np
 from pocketgs.capture.capture import Frame, Result
 from pocketgs.capture.depth_file import read_depth, read_reliable
 from pocketgs.capture.frame_edits import cropped, downscaled, nearest, undistorted
-from pocketgs.capture.image_file import ImageHeader, read_colour, read_header
+from pocketgs.capture.image_file import ImageHeader, UndecodableImageError, read_colour, read_header
 from pocketgs.capture.listing import FrameSource
 from pocketgs.capture.mask_file import read_mask
 from pocketgs.capture.undistortion import forget_undistortions
@@ -60,18 +60,28 @@ class Preparation:
     masks: Path | None = None
 
 
-def load_frames(sources: Sequence[FrameSource], preparation: Preparation, readers: int = MAX_READERS) -> list[Frame]:
+OnDamaged = Callable[[FrameSource, UndecodableImageError], None]
+"""Called for a photograph that cannot be decoded, and is left out."""
+
+
+def load_frames(
+    sources: Sequence[FrameSource],
+    preparation: Preparation,
+    readers: int = MAX_READERS,
+    on_damaged: OnDamaged | None = None,
+) -> list[Frame]:
     """Load frames in parallel, in order. At most `readers` full-size images are in memory at any time.
 
     Args:
         sources: the frames as listed.
         preparation: how images are prepared.
         readers: maximum number of images to read at the same time.
+        on_damaged: see `OnDamaged`; None to raise the error.
 
     Raises:
         PocketGSError: as `load_frame`, for the first frame that fails.
     """
-    return map_frames(sources, preparation, lambda frame: frame, readers)
+    return map_frames(sources, preparation, lambda frame: frame, readers, on_damaged)
 
 
 def map_frames(
@@ -79,8 +89,11 @@ def map_frames(
     preparation: Preparation,
     look: Callable[[Frame], Result],
     readers: int = MAX_READERS,
+    on_damaged: OnDamaged | None = None,
 ) -> list[Result]:
     """Apply `look` to every frame, in parallel, and return the results in order. Frames are not kept.
+
+    Arguments as for `load_frames`.
 
     Raises:
         PocketGSError: as `load_frame`, for the first frame that fails.
@@ -90,13 +103,20 @@ def map_frames(
         threads = min(MAX_READERS, usable_cores(), readers)
         with reading_inside(preparation.folder), ThreadPoolExecutor(threads) as pool:
 
-            def load(source: FrameSource) -> Result:
+            def load(source: FrameSource) -> list[Result]:
                 with reading_inside(preparation.folder):  # the restriction is per thread
-                    return look(load_frame(source, preparation))
+                    try:
+                        decoded = _decoded(source)
+                    except UndecodableImageError as error:
+                        if on_damaged is None:
+                            raise
+                        on_damaged(source, error)
+                        return []
+                    return [look(prepared(source, *decoded, preparation))]
 
             for video, group in groupby(sources, key=_video_of):
                 if video is None:
-                    found.extend(pool.map(load, group))
+                    found.extend(chain.from_iterable(pool.map(load, group)))
                 else:
                     found.extend(_map_video(video, list(group), preparation, look, pool))
         return found
@@ -134,11 +154,15 @@ def load_frame(source: FrameSource, preparation: Preparation) -> Frame:
     Raises:
         PocketGSError: a file is missing or damaged, an image's shape differs from its camera's, or no pixel is left.
     """
+    return prepared(source, *_decoded(source), preparation)
+
+
+def _decoded(source: FrameSource) -> tuple[np.ndarray, np.ndarray | None]:
+    """Colours and alpha of a frame's image, as `read_colour` returns them."""
     if isinstance(source.image, VideoFrame):
         [(_, image)] = read_frames(source.image.path, [source.image.index], upright=False)
-        return prepared(source, image, None, preparation)
-    upright = refers_to_turned_pixels(source, read_header(source.image))
-    return prepared(source, *read_colour(source.image, upright), preparation)
+        return image, None
+    return read_colour(source.image, refers_to_turned_pixels(source, read_header(source.image)))
 
 
 def prepared(source: FrameSource, colours: np.ndarray, alpha: np.ndarray | None, preparation: Preparation) -> Frame:
@@ -203,6 +227,20 @@ def reliable_depth(source: FrameSource) -> np.ndarray:
         sizes = ["{1}x{0}".format(*array.shape) for array in (reliable, depth)]
         raise PocketGSError(f"{source.confidence_path}: {sizes[0]} pixels, expected the depth map's {sizes[1]}")
     return np.where(reliable, depth, np.float32(0))
+
+
+def header_of(source: FrameSource) -> ImageHeader:
+    """The header of a frame's image, turned if its camera refers to the turned photograph.
+
+    Raises:
+        PocketGSError: the file is missing or not an image.
+    """
+    if isinstance(source.image, VideoFrame):
+        return ImageHeader(source.camera.width, source.camera.height, has_alpha=False)
+    header = read_header(source.image)
+    if refers_to_turned_pixels(source, header):
+        return ImageHeader(*header.upright_size, header.has_alpha)
+    return header
 
 
 def refers_to_turned_pixels(source: FrameSource, header: ImageHeader) -> bool:

@@ -6,8 +6,8 @@ whole runs. They are upper bounds: in a capture without texture, for example, fu
 
 from __future__ import annotations
 
-from pocketgs.capture.listed import Outline
 from pocketgs.capture.loading import MAX_READERS
+from pocketgs.capture.outline import Outline
 from pocketgs.prior.cloud.volume import DEPTHS, KEPT
 from pocketgs.prior.depth.stereo import StereoNeed
 from pocketgs.prior.features.detection import FEATURES, MAX_AT_ONCE, detection_side

@@ -12,7 +12,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
-from pocketgs.capture.listed import ListedCapture, Outline
+from pocketgs.capture.listed import ListedCapture
+from pocketgs.capture.outline import Outline
 from pocketgs.errors import PocketGSError
 from pocketgs.prior.depth.stereo import StereoNeed
 from pocketgs.system.memory_need import MemoryNeed

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from pocketgs.capture.listed import Outline
+from pocketgs.capture.outline import Outline
 from pocketgs.prior.cloud.fuse import most_candidates
 from pocketgs.prior.depth.depth_maps import stereo_extent, sweep_pixels
 from pocketgs.prior.depth.stereo import StereoExtent

@@ -15,6 +15,9 @@
  * @property {Uint8Array} turnable the same with EXIF too
  */
 
+/** A file is not an image, or a damaged one, such as one whose transfer was interrupted. */
+export class DamagedImageError extends Error {}
+
 /** Most files state their size within so many bytes. */
 const START_BYTES = 1 << 16;
 
@@ -39,13 +42,14 @@ export const isImage = (path) => /\.(png|jpe?g|jpe|jfif)$/i.test(path);
  * @param {Uint8Array} bytes of the file
  * @param {string} path for messages
  * @returns {ImageHeader}
- * @throws {Error} it is neither a JPEG nor a PNG, or too large
+ * @throws {DamagedImageError} it is neither a JPEG nor a PNG
+ * @throws {Error} it is too large
  */
 export function readHeader(bytes, path) {
     const view = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
     const header = PNG.every((byte, i) => bytes[i] === byte) ? readPng(view, bytes) : readJpeg(view, bytes);
     if (!header || header.width < 1 || header.height < 1) {
-        throw new Error(`${path}: not a whole JPEG or PNG image`);
+        throw new DamagedImageError(`${path}: not a whole JPEG or PNG image`);
     }
     if (header.width * header.height > MAX_PIXELS) {
         const found = `${header.width}x${header.height} pixels`;
@@ -59,7 +63,8 @@ export function readHeader(bytes, path) {
  *
  * @param {import("../archive/tree.js").StoredFile} file
  * @returns {Promise<[number, number]>}
- * @throws {Error} it is neither a JPEG nor a PNG, or too large
+ * @throws {DamagedImageError} it is neither a JPEG nor a PNG
+ * @throws {Error} it is too large, or cannot be read
  */
 export async function storedSize(file) {
     const start = await file.start(START_BYTES);

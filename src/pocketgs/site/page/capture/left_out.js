@@ -13,6 +13,23 @@ import { readMask } from "./masks.js";
  */
 
 /**
+ * A warning that counts the photographs that cannot be decoded.
+ *
+ * @param {Map<string, Error>} damaged errors by frame name
+ * @param {number} of number of frames
+ * @returns {string[]} one, or none
+ */
+export function damagedWarning(damaged, of) {
+    if (!damaged.size) {
+        return [];
+    }
+    const [first] = [...damaged.keys()].sort();
+    const found = `${damaged.size} of ${of} photographs cannot be decoded, the first ${first}`;
+    const reason = damaged.get(first).message;
+    return [`${found}: these frames are left out (${reason}); if they are damaged, copy them again`];
+}
+
+/**
  * A warning that counts the frames whose masks exclude every pixel.
  *
  * @param {Frame[]} loaded

@@ -9,7 +9,8 @@ import * as blender from "./blender.js";
 import { centreOf } from "./camera.js";
 import * as colmap from "./colmap.js";
 import { withReadableDepth } from "./depth_map.js";
-import { depthWarnings, maskedOutWarning, maskWarnings } from "./left_out.js";
+import { damagedWarning, depthWarnings, maskedOutWarning, maskWarnings } from "./left_out.js";
+import { DamagedImageError } from "./image_header.js";
 import { heldOutOf } from "./listing.js";
 import * as nerfstudio from "./nerfstudio.js";
 import { withMasks } from "./masks.js";
@@ -84,19 +85,20 @@ export async function loadCapture(listing, most, settings, onProgress) {
     if (frames.every(({ name }) => heldOut.has(name))) {
         throw new Error(`all of the capture's ${frames.length} frames are held out, expected one to train on`);
     }
-    const loaded = [];
-    for await (const [source, pixels] of decodedFrames(frames, settings.capture)) {
+    const [loaded, damaged] = [[], new Map()];
+    for await (const [source, pixels] of decodedFrames(frames, settings.capture, damaged)) {
         // Depth maps of keyframes are completed, which are frames to train on.
         const used = heldOut.has(source.name) ? { ...source, depth: null } : source;
         loaded.push(await prepared(used, pixels, background, most, settings.capture));
-        onProgress(loaded.length, frames.length);
+        onProgress(loaded.length + damaged.size, frames.length);
     }
     const used = loaded.filter(({ mask }) => mask?.includes(255) ?? true);
     const train = used.filter(({ name }) => !heldOut.has(name));
+    const unused = [...damagedWarning(damaged, frames.length), ...maskedOutWarning(loaded, used)];
     if (!train.length) {
-        const found = `the masks of ${loaded.length - used.length} frames leave no pixel to train on`;
-        throw new Error(`${found}: expected masks that are white where pixels are to be used`);
+        throw new Error(`${unused.at(-1)}; no frame is left to train on`);
     }
+    const sound = frames.filter(({ name }) => !damaged.has(name));
     const rest = used.filter(({ name }) => heldOut.has(name));
     const isWithout = ({ name, depth }, i) => depth && !loaded[i].depth && !heldOut.has(name);
     const isWithoutMask = ({ mask }, i) => mask && !loaded[i].mask;
@@ -104,19 +106,29 @@ export async function loadCapture(listing, most, settings, onProgress) {
     const unmeasured = `fewer than ${settings.run.fewest_to_hold_out} frames: none is held out to measure quality on`;
     const leftOut = [
         ...(isUnmeasured ? [unmeasured] : []),
-        ...maskedOutWarning(loaded, used),
-        ...(await maskWarnings(frames.filter(isWithoutMask))),
-        ...(await depthWarnings(frames.filter(isWithout))),
+        ...unused,
+        ...(await maskWarnings(sound.filter(isWithoutMask))),
+        ...(await depthWarnings(sound.filter(isWithout))),
     ];
     const behind = plainBackground(train, settings.capture) ?? background;
     return { train, heldOut: rest, cloud, background: behind, isMetric, warnings: [...warnings, ...leftOut] };
 }
 
-/** Every frame with its pixels. The frames of a capture are photographs, or those of one video. */
-async function* decodedFrames(sources, bounds) {
+/**
+ * Every frame with its pixels. The frames of a capture are photographs, or those of one video. Photographs that cannot be
+ * decoded are left out, and their errors are added to `damaged` by name.
+ */
+async function* decodedFrames(sources, bounds, damaged) {
     if (sources[0].frame === null) {
         for (const source of sources) {
-            yield [source, await decodedPhotograph(source, bounds)];
+            const found = await decodedPhotograph(source, bounds).catch((error) => error);
+            if (found instanceof DamagedImageError) {
+                damaged.set(source.name, found);
+            } else if (found instanceof Error) {
+                throw found;
+            } else {
+                yield [source, found];
+            }
         }
         return;
     }

@@ -33,7 +33,8 @@ import { resampled, resampledPlane, undistortedView } from "./undistortion.js";
  * @param {FrameSource} source
  * @param {{aspect_tolerance: number}} bounds the settings' `capture`
  * @returns {Promise<Pixels>}
- * @throws {Error} it cannot be decoded
+ * @throws {import("./image_header.js").DamagedImageError} it cannot be decoded
+ * @throws {Error} it cannot be read
  */
 export async function decodedPhotograph({ file, camera }, { aspect_tolerance: tolerance }) {
     const bytes = await file.bytes();

@@ -7,7 +7,7 @@
 import { readingFault } from "../archive/reading_fault.js";
 import { areaAveraged } from "../numbers/resizing.js";
 import { roundedToEven } from "../numbers/rounding.js";
-import { readHeader } from "./image_header.js";
+import { DamagedImageError, readHeader } from "./image_header.js";
 
 /**
  * @typedef {import("../numbers/resizing.js").Size} Size
@@ -31,7 +31,8 @@ const CANVAS = new OffscreenCanvas(0, 0);
  * @param {string} type such as image/png
  * @param {string} path for messages
  * @returns {Promise<Pixels>}
- * @throws {Error} the browser cannot decode it
+ * @throws {DamagedImageError} the browser cannot decode it
+ * @throws {Error} it cannot be read
  */
 export async function decoded(bytes, type, path) {
     const options = { premultiplyAlpha: "none" };
@@ -41,7 +42,10 @@ export async function decoded(bytes, type, path) {
         return drawn(bitmap, bitmap.width, bitmap.height);
     } catch (error) {
         const reason = readingFault(error);
-        throw new Error(reason ? `${path} ${reason}` : `${path}: cannot be decoded, expected a whole image`);
+        if (reason) {
+            throw new Error(`${path} ${reason}`);
+        }
+        throw new DamagedImageError(`${path}: cannot be decoded, expected a whole image`);
     } finally {
         bitmap?.close();
     }
