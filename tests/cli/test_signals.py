@@ -131,6 +131,40 @@ def test_ctrl_c_while_nothing_is_done_is_one_line(
     assert "ignored" not in errors
 
 
+TWICE_WHILE_A_THREAD_WORKS = """
+import os, signal, threading
+from concurrent.futures import ThreadPoolExecutor
+import cv2, numpy
+import pocketgs.capture.synthetic.recording as recording
+signal.signal(signal.SIGINT, signal.default_int_handler)
+def work():
+    image = numpy.zeros((64, 64))
+    while True:
+        cv2.blur(image, (3, 3))
+def room():
+    with ThreadPoolExecutor(1) as pool:
+        pool.submit(work)
+        threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGINT)).start()
+        signal.raise_signal(signal.SIGINT)  # leaves the block, which waits for the thread until the other comes
+recording.room = room
+from pocketgs.__main__ import main
+main()
+"""
+
+
+def test_ctrl_c_twice_while_a_thread_works_is_one_line(
+    pocketgs_process: Callable[..., subprocess.Popen[str]], tmp_path: Path
+) -> None:
+    command = ["demo", "--output", tmp_path / "result", "--capture", tmp_path / "capture"]
+    process = pocketgs_process(*command, program=TWICE_WHILE_A_THREAD_WORKS)
+    try:
+        _, errors = process.communicate(timeout=60)
+    finally:
+        process.kill()
+    assert (process.returncode, errors) == (130, "pocketgs: stopped\n")
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_sigterm_before_training_is_ctrl_c(
     pocketgs_process: Callable[..., subprocess.Popen[str]], tmp_path: Path
 ) -> None:
