@@ -7,12 +7,13 @@ import sys
 from contextlib import suppress
 from types import FrameType
 
-from pocketgs.system.interrupt import STOPPED, listen, raise_interrupt
+from pocketgs.system.interrupt import STOPPED, listen, raise_interrupt, raise_lost_interrupts
 
 
 def main() -> None:
     """Run the command line. Ctrl-C at any time ends it with one line."""
     listen(_stop_at_once)
+    raise_lost_interrupts()
     from pocketgs.cli import main as run
 
     status: object = 0

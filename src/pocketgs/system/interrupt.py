@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import _thread
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -30,6 +32,31 @@ def listen(handler: Handler) -> dict[signal.Signals, signal.Handlers | Handler |
 def raise_interrupt(number: int, frame: FrameType | None) -> None:
     """Signal handler that raises KeyboardInterrupt."""
     raise KeyboardInterrupt
+
+
+AGAIN_AFTER = 0.01
+"""Seconds after which an interrupt that was lost is raised again."""
+
+
+def raise_lost_interrupts() -> None:
+    """Raise KeyboardInterrupt again where Python could only print it.
+
+    An exception ends with a function that C code calls. While kernels are compiled, LLVM calls one for every kernel,
+    and what was pressed during the seconds before that is raised there.
+    """
+    before = sys.unraisablehook
+
+    def hook(unraisable: sys.UnraisableHookArgs) -> None:
+        if not issubclass(unraisable.exc_type, KeyboardInterrupt):
+            before(unraisable)
+            return
+        # Later, and not from here, where it would be lost too.
+        number = signal.SIGTERM if signal.getsignal(signal.SIGINT) is signal.SIG_IGN else signal.SIGINT
+        timer = threading.Timer(AGAIN_AFTER, _thread.interrupt_main, (number,))
+        timer.daemon = True
+        timer.start()
+
+    sys.unraisablehook = hook
 
 
 class Interrupt:
