@@ -255,7 +255,7 @@ def test_resume(refused: Callable[..., str], written_capture: Path, result: Path
     assert "holds no unfinished.npz or checkpoint.npz" in refused(*command, tmp_path / "new")
     others = [["--seed", "1"], ["--recipe", "reference"], ["--sh-degree", "2"], ["--hold-out", "4"]]
     others += [["--prior", "sparse"], ["--no-bundle"], ["--source-views", "2"], ["--max-keyframes", "5"]]
-    others += [["--colours", "on"], ["--transients", "keep"]]
+    others += [["--colours", "on"], ["--transients", "keep"], ["--background", "1", "1", "1"]]
     for option in [*others, ["--exposure", "off"], ["--max-gaussians", "100"]]:
         assert "belongs to a run with" in refused(*command, result, *option)
     (result / "checkpoint.npz").write_bytes(b"hello")
