@@ -144,7 +144,7 @@ def test_masks_that_are_no_masks_of_the_tiles(masks: torch.Tensor) -> None:
         ({"tile_size": 0}, "tile_size: found 0, expected at least 1"),
         ({"near_plane": None}, "near_plane: found None, expected a number"),
         ({"eps2d": torch.ones(2)}, "eps2d: found .*, expected a number"),
-        ({"sh_degree": 1.0, "colors": torch.zeros(60, 4, 3)}, "sh_degree: found 1, expected an integer"),
+        ({"sh_degree": 1.0, "colors": torch.zeros(60, 4, 3)}, "sh_degree: found 1.0, expected an integer"),
         ({"colors": torch.zeros(60, 0)}, "colors: found no channels"),
     ],
 )

@@ -98,7 +98,8 @@ def whole_numbers(least: int, /, **numbers: Any) -> list[int]:
         try:
             found.append(operator.index(number))
         except TypeError:
-            raise PocketGSError(f"{name}: found {short(number)}, expected an integer") from None
+            shown = repr(number) if isinstance(number, float) else short(number)  # 64.0 must not read like an integer
+            raise PocketGSError(f"{name}: found {shown}, expected an integer") from None
         if found[-1] < least:
             raise PocketGSError(f"{name}: found {found[-1]}, expected at least {least}")
     return found
