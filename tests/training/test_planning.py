@@ -18,6 +18,7 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from pocketgs.capture import ListedCapture, list_capture
+from pocketgs.capture.capture import Frame
 from pocketgs.capture.image_file import ImageHeader
 from pocketgs.capture.listing import FrameSource, Listing
 from pocketgs.capture.loading import LensHandling, Preparation
@@ -297,6 +298,32 @@ def test_copies_for_the_prior_take_memory_until_training() -> None:
     assert more["points"] == pytest.approx(1.1 * copies.image_bytes / 1e6, rel=0.01)
     assert more["poses"] > 0.8 * more["points"]
     assert more["capture"] == more["training"] == 0
+
+
+def test_kernels_for_lenses_that_photographs_keep_are_planned_for() -> None:
+    """Once: the engine notes which models of lenses it is compiled for."""
+    compiled = replace(MACHINE, compiles_lenses=frozenset({"fisheye"}))
+    compiling = replace(MACHINE, compiles_lenses=frozenset({"opencv", "fisheye"}))
+    options = SizedOptions(prior="none", max_gaussians=1000)
+    direct, undistorted = through_lenses(-0.2, "direct"), through_lenses(-0.2, "undistort")
+    peaks = [make_plan(direct, options, machine).peak_rss_mb for machine in (MACHINE, compiled, compiling)]
+    assert peaks == [peaks[0], peaks[0], pytest.approx(peaks[0] + 350)]
+    undone = [make_plan(undistorted, options, machine).peak_rss_mb for machine in (MACHINE, compiling)]
+    assert undone[0] == undone[1]
+
+
+def test_engine_notes_the_lenses_that_it_is_compiled_for(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr("pocketgs.system.compiled_variants.folder_of", lambda package: tmp_path / package)
+    monkeypatch.setattr(CpuEngine, "_prepare_for", lambda engine, lens: None)
+    engine, stereo, options = CpuEngine(1), CpuStereo(), SizedOptions()
+    before = this_machine(engine, stereo, options).compiles_lenses
+    assert {"opencv", "fisheye"} <= before
+    camera = Camera(16, 16, 16.0, 16.0, 8.0, 8.0, np.eye(4))
+    for lens in (Lens(), Lens("fisheye", (0.1, 0.0, 0.0, 0.0))):
+        engine.set_views([Frame("photo", replace(camera, lens=lens), np.zeros((16, 16, 3), np.uint8))])
+    assert this_machine(engine, stereo, options).compiles_lenses == before - {"fisheye"}
+    monkeypatch.setattr(engine, "name", "webgpu", raising=False)
+    assert this_machine(engine, stereo, options).compiles_lenses == frozenset()
 
 
 @pytest.mark.parametrize("lenses", [1, 3])

@@ -68,7 +68,9 @@ class ListedCapture:
         undone = self._undistorted_sizes if preparation.lens != "ignore" else {}
         if preparation.lens == "direct" and undone:
             copies = {name: _scaled(undone.get(name, stored[name]), stored[name], size) for name, size in held.items()}
-            return replace(self._outline(held, {}, shrink), copies=self._outline(copies, undone, shrink))
+            models = frozenset(source.lens.model for source in self.listing.frames if source.name in undone)
+            outline = self._outline(held, {}, shrink)
+            return replace(outline, copies=self._outline(copies, undone, shrink), kept_lenses=models)
         return self._outline(held, undone, shrink)
 
     def _outline(self, held: Mapping[str, Size], undone: Mapping[str, Size], shrink: int) -> Outline:

@@ -26,6 +26,7 @@ class Outline:
         has_alpha: whether a photograph has alpha.
         read_again: whether features may be found in photographs that are read again at a larger size.
         copies: those of the undistorted copies that the geometry prior looks at, where photographs keep their lenses.
+        kept_lenses: models of the lenses that photographs keep.
     """
 
     training: tuple[Size, ...]
@@ -37,6 +38,7 @@ class Outline:
     has_alpha: bool = False
     read_again: bool = True
     copies: Outline | None = None
+    kept_lenses: frozenset[str] = frozenset()
 
     @property
     def largest(self) -> Size:

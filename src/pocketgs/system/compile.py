@@ -37,10 +37,10 @@ class _Decorator(Protocol):
 
 def is_compiled(package: str) -> bool:
     """Whether the kernels of a package, such as `splat.cpu`, are compiled and up to date."""
-    return any(_folder_of(package).rglob("*.nbc"))
+    return any(folder_of(package).rglob("*.nbc"))
 
 
-def _folder_of(package: str) -> Path:
+def folder_of(package: str) -> Path:
     """Cache folder for a package's machine code: one folder per state of its sources.
 
     Numba itself checks only the kernel's own file, and would run stale code after a change in an imported file.
@@ -81,7 +81,7 @@ def _cached(**options: bool) -> _Decorator:
         before = numba.config.CACHE_DIR
         # Numba reads this here, and falls back to a folder in the user's cache if it is not writable.
         package = function.__module__.removeprefix(f"{PACKAGE.name}.").rpartition(".")[0]
-        numba.config.CACHE_DIR = str(_folder_of(package))
+        numba.config.CACHE_DIR = str(folder_of(package))
         try:
             return numba.njit(cache=True, error_model="numpy", **options)(function)
         finally:

@@ -38,6 +38,7 @@ from pocketgs.splat.rows import RowChange, Statistics
 from pocketgs.splat.settings import ColourSettings, Dropout, LearningRates, PositionNoise, StepSettings
 from pocketgs.splat.store import ParameterStore
 from pocketgs.splat.timing import NoTimer, PassTimer
+from pocketgs.system.compiled_variants import note_compiled
 from pocketgs.system.cores import kernel_threads
 from pocketgs.system.memory_need import MemoryNeed
 
@@ -108,6 +109,7 @@ class CpuEngine:
         for kind, lens in kinds.items():
             if kind is not Pinhole:
                 self._prepare_for(lens)
+                note_compiled("splat.cpu", lens.model)
 
     def set_masks(self, masks: Sequence[np.ndarray | None]) -> None:
         """Replace the photographs' masks."""

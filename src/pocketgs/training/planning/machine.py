@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from pocketgs.geometry.lens import COEFFICIENT_COUNTS
 from pocketgs.prior.depth.stereo import Stereo, StereoExtent, StereoNeed, need_of
 from pocketgs.splat.engine import Engine
 from pocketgs.system.compile import is_compiled
+from pocketgs.system.compiled_variants import is_compiled_for
 from pocketgs.system.cores import kernel_threads, usable_cores
 from pocketgs.system.memory_need import MemoryNeed
 from pocketgs.system.process import resident_bytes
@@ -31,6 +33,7 @@ class Machine:
         resident: resident memory of the process in bytes.
         compiles: whether kernels must still be compiled, whatever the size of the run.
         compiles_sweeps: whether the CPU's sweeps must still be compiled, if it sweeps.
+        compiles_lenses: models of lenses for which the engine must still be compiled, if photographs keep theirs.
         memory_needed: the engine's memory, see `Engine.memory_needed`.
         stereo_needed: the memory of depth, see `Stereo.memory_needed`.
         speed: relative speed; None if time is not bounded.
@@ -44,6 +47,7 @@ class Machine:
     memory_needed: Callable[[int, int, Sequence[tuple[int, int]]], MemoryNeed]
     stereo_needed: Callable[[StereoExtent], StereoNeed]
     compiles_sweeps: bool = False
+    compiles_lenses: frozenset[str] = frozenset()
     speed: Speed | None = None
     elapsed: float = 0.0
 
@@ -63,4 +67,7 @@ def this_machine(engine: Engine, stereo: Stereo, options: SizedOptions) -> Machi
         memory_needed=engine.memory_needed,
         stereo_needed=lambda extent: need_of(stereo, extent),
         compiles_sweeps=not is_compiled(SWEEP_KERNELS),
+        compiles_lenses=frozenset(
+            model for model in COEFFICIENT_COUNTS if engine.name == "cpu" and not is_compiled_for(ENGINE_KERNELS, model)
+        ),
     )

@@ -171,6 +171,7 @@ def _size(shrink: int, outline: Outline, options: SizedOptions, machine: Machine
     stereo = machine.stereo_needed(work.stereo_extent) if work.has_depth else StereoNeed(MemoryNeed(0), MemoryNeed(0))
     times = timetable(work, _speed_with(stereo, machine.speed)) if machine.speed else None
     compiles = machine.compiles or (machine.compiles_sweeps and work.has_depth and not stereo.on_gpu)
+    compiles |= not outline.kept_lenses.isdisjoint(machine.compiles_lenses)
     try:
         engine = machine.memory_needed(work.gaussians, work.coefficients, outline.training)
     except PocketGSError as error:
