@@ -237,7 +237,6 @@ def _identity(capture: Capture, options: SizedOptions, plan: Plan) -> dict[str, 
         "capture": capture.name,
         "protocol": capture.protocol,
         "training views": len(capture.train),
-        "background": [float(channel) for channel in capture.background],  # of opaque photographs no protocol states it
         "recipe": options.recipe,
         "seed": options.seed,
         "SH degree": options.sh_degree,
