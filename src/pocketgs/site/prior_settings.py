@@ -24,6 +24,7 @@ from pocketgs.prior.parallax import LEAST_PARALLAX
 from pocketgs.prior.poses import (
     absolute_pose,
     consensus,
+    convention,
     photometric,
     relocalisation,
     robust_adjustment,
@@ -118,6 +119,12 @@ def _poses() -> dict[str, Any]:
                 "step": photometric.STEP,
                 "min_contrast": photometric.MIN_CONTRAST,
                 "most": photometric.MOST,
+            },
+            "convention": {
+                "doubtful": convention.DOUBTFUL,
+                "clear": convention.CLEAR,
+                "contradicted": convention.CONTRADICTED,
+                "min_matches": convention.MIN_MATCHES,
             },
             "cells": support.CELLS,
             "min_cells": support.MIN_CELLS,

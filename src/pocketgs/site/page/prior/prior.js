@@ -15,6 +15,7 @@ import { fuse } from "./fuse.js";
 import { selectKeyframes } from "./keyframes.js";
 import { merged } from "./merge.js";
 import { cameraWithin } from "./photographs.js";
+import { MisreadPoses, readIn } from "./poses/convention.js";
 import { buildStructure, pointsSeen, sparseCloud, structureOfFrames } from "./poses/structure.js";
 import { roughPoints } from "./rough_points.js";
 import { scaleOf } from "./scale.js";
@@ -34,7 +35,7 @@ import { NoRoom } from "./stereo.js";
 const NAMED = 8;
 
 /**
- * @param {Capture} capture
+ * @param {Capture} given
  * @param {{most: number, refines: boolean}} options maximum size of the cloud, and whether features are found, by which
  *     poses are refined and exposures compared
  * @param {Object} settings
@@ -43,12 +44,14 @@ const NAMED = 8;
  * @returns {Promise<{capture: Capture, dense: Dense | NoRoom}>} the capture with refined poses and training photographs
  *     of one exposure; and why there is no cloud where the GPU's memory does not hold depth
  */
-export async function buildPrior(capture, { most, refines }, settings, { stereo, finder }, { onStage, onWarning }) {
+export async function buildPrior(given, { most, refines }, settings, { stereo, finder }, { onStage, onWarning }) {
     const { prior } = settings;
     await onStage("comparing poses", 0);
-    const frames = [...capture.train, ...capture.heldOut];
+    const { capture, structure } = refines
+        ? await posed(given, settings, finder, { onStage, onWarning })
+        : { capture: given, structure: null };
     const scale = scaleOf(capture, settings);
-    const structure = refines ? await foundBy(finder, frames, scale, prior, { onStage, onWarning }) : null;
+    const frames = framesOf(capture);
     const sound = frames.map((_, i) => i).filter((i) => i < capture.train.length && !structure?.doubtful[i]);
     const own = structure && structureOfFrames(structure, sound);
     const refined = structure ? withStructure(capture, structure, own, scale, prior) : capture;
@@ -91,6 +94,29 @@ async function denseCloud(capture, own, most, { distance }, prior, stereo, onSta
         fused = merged(candidates, rest, prior.merging);
     }
     return { cloud: joined([fused, added]), covered, keyframes: chosen.length };
+}
+
+const framesOf = ({ train, heldOut }) => [...train, ...heldOut];
+
+/** The capture and its structure; with poses read in another convention if the photographs fit them only so. */
+async function posed(capture, settings, finder, listener) {
+    const built = async (capture) => {
+        const found = foundBy(finder, framesOf(capture), scaleOf(capture, settings), settings.prior, listener);
+        return { capture, structure: await found };
+    };
+    return built(capture).catch((error) => {
+        if (!(error instanceof MisreadPoses)) {
+            throw error;
+        }
+        listener.onWarning(`${error.message}: they are read so.`);
+        return built(reread(capture, error.convention));
+    });
+}
+
+function reread({ train, heldOut, cloud, ...rest }, convention) {
+    const read = (frames) => frames.map((frame) => ({ ...frame, camera: readIn(frame.camera, convention) }));
+    // Inverted transforms lead to another world than that of the capture's points.
+    return { ...rest, train: read(train), heldOut: read(heldOut), cloud: convention.isInverted ? null : cloud };
 }
 
 /** Points and poses by features; null if there is too little texture or memory. The GPU is free again afterwards. */

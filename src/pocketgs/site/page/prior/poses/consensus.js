@@ -40,8 +40,7 @@ export function consensus(cameras, tracks, tolerance, settings) {
     };
     const centres = cameras.map(centreOf);
     const sightings = Array.from(tracks.frame, (frame, i) => {
-        const [x, y] = tracks.pixels.subarray(2 * i, 2 * i + 2);
-        return { camera: cameras[frame], centre: centres[frame], ray: normalised(rayOf(cameras[frame], x, y)), x, y };
+        return sightingOf(cameras[frame], centres[frame], tracks.pixels[2 * i], tracks.pixels[2 * i + 1]);
     });
     const starts = startsOf(tracks);
     for (let track = 0; track + 1 < starts.length; track++) {
@@ -50,6 +49,9 @@ export function consensus(cameras, tracks, tolerance, settings) {
     }
     return found;
 }
+
+/** A place in the image of a camera, whose centre is known. */
+export const sightingOf = (camera, centre, x, y) => ({ camera, centre, ray: normalised(rayOf(camera, x, y)), x, y });
 
 function voteOn(sightings, first, tolerance, { max_trials: trials, min_angle: least }, found) {
     const count = sightings.length;
@@ -94,8 +96,8 @@ function pairOf(number, count) {
     return [number, number + step];
 }
 
-/** The midpoint of two rays at their closest approach; null if they are parallel or diverge. */
-function meetingOf({ centre: p, ray: u }, { centre: q, ray: v }, largestCosine) {
+/** The midpoint of two sightings' rays at their closest approach; null if they are parallel or diverge. */
+export function meetingOf({ centre: p, ray: u }, { centre: q, ray: v }, largestCosine) {
     const cosine = dot(u, v);
     if (cosine > largestCosine) {
         return null;
@@ -107,7 +109,8 @@ function meetingOf({ centre: p, ray: u }, { centre: q, ray: v }, largestCosine) 
     return s > 0 && t > 0 ? p.map((value, i) => 0.5 * (value + s * u[i] + q[i] + t * v[i])) : null;
 }
 
-function errorOf({ camera, x, y }, point) {
+/** How many pixels a point's projection is off; infinite behind the camera. */
+export function errorOf({ camera, x, y }, point) {
     const [column, row, depth] = projected(camera, ...point);
     return depth > 0 ? Math.hypot(column - x, row - y) : Infinity;
 }

@@ -13,6 +13,7 @@ import { choosePairs } from "../features/pairs.js";
 import { link, reprojectionErrors, triangulate, triangulationAngles } from "../features/tracks.js";
 import { matchViews } from "../features/two_view.js";
 import { consensus } from "./consensus.js";
+import { checkConvention } from "./convention.js";
 import { normalised, subtract } from "../../../page/scene/vectors.js";
 import { refine } from "./refinement.js";
 import { Relocalisation } from "./relocalisation.js";
@@ -46,6 +47,7 @@ import { measuredTolerance, widestTolerance } from "./tolerance.js";
  * @param {import("../features/finder.js").FeatureFinder} finder
  * @param {(text: string, share: number) => Promise<void>} onStage called before each piece of work; rejects to stop
  * @returns {Promise<(Structure & Contradicted) | null>} null if there is too little texture
+ * @throws {MisreadPoses | Error} the frames contradict their poses as a whole, see `checkConvention`
  */
 export async function buildStructure(frames, scale, settings, finder, onStage) {
     const given = frames.map(({ camera }) => camera);
@@ -63,6 +65,7 @@ export async function buildStructure(frames, scale, settings, finder, onStage) {
         });
     };
     const matches = await matching("matching pair")(given, pairs);
+    checkConvention(given, features, matches, settings.poses);
     const finest = settings.poses.finest * medianOf(features.map(({ grain }) => grain));
     const matchAnew = matching("placing photographs anew, pair");
     const placed = await placedAnew({ given, features, matches, alike, finest }, scale, settings, matchAnew);
