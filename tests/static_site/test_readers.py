@@ -35,6 +35,8 @@ def test_nerfstudio(call: Call, capture_folder: Path) -> None:
 
 def test_folders_around_a_capture(call: Call, capture_folder: Path) -> None:
     assert len(read(call, capture_folder.parent)["frames"]) == 8
+    shutil.copytree(capture_folder, capture_folder.parent / "archive" / "of" / "capture")
+    assert len(read(call, capture_folder.parent / "archive")["frames"]) == 8
 
 
 def test_lenses_splits_and_absent_images(call: Call, capture_folder: Path) -> None:
@@ -311,7 +313,26 @@ def test_other_lenses_that_are_not_meant(call: Call, capture_folder: Path, value
     assert_same(call, changed(capture_folder, lambda document: document.update(latlong=value, orthographic=value)))
 
 
-def test_what_is_no_capture(call: Call, tmp_path: Path) -> None:
-    (tmp_path / "notes.txt").write_text("nothing")
-    with pytest.raises(Error, match="not a capture of a format that this page reads: expected transforms"):
+@pytest.mark.parametrize(
+    ("names", "words"),
+    [
+        (["notes.txt"], "not a capture of a format that this page reads: expected transforms"),
+        (["a/0.jpg", "a/1.JPG"], r"\(it holds photographs without camera poses, .* finds\): expected transforms"),
+        (["walk.MOV"], "it holds a video without camera poses"),
+        (["a/cap.zip", "a/0.jpg"], "it holds cap.zip: choose that alone"),
+        (["a/one.r3d", "b/two.R3D"], "2 recordings are in one, such as (one.r3d|two.R3D): choose one of them"),
+    ],
+)
+def test_what_is_no_capture(call: Call, tmp_path: Path, names: list[str], words: str) -> None:
+    for name in names:
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text("nothing")
+    with pytest.raises(Error, match=words):
         read(call, tmp_path)
+
+
+def test_two_captures_are_not_one(call: Call, capture_folder: Path, tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        shutil.copytree(capture_folder, tmp_path / "both" / name)
+    with pytest.raises(Error, match="2 captures are in one: choose one of them"):
+        read(call, tmp_path / "both")

@@ -207,6 +207,17 @@ def test_r3d_archives_and_parts_of_files(call: Call, written_phones: dict[str, P
     assert call("capture/open.js", script, content) == ["record3d", 8, True]
 
 
+@pytest.mark.parametrize("name", ["walk.r3d", "recordings/walk.R3D"])
+def test_folders_around_one_r3d_archive(call: Call, written_phones: dict[str, Path], tmp_path: Path, name: str) -> None:
+    """As AirDrop and clouds deliver it, with what systems add."""
+    archive = tmp_path / "shared" / name
+    archive.parent.mkdir(parents=True)
+    zip_folder(written_phones["record3d"], archive)
+    (archive.parent / ".DS_Store").write_bytes(b"")
+    found, expected = read(call, tmp_path / "shared"), read(call, written_phones["record3d"])
+    assert found == expected
+
+
 def test_windows_are_numpys(call: Call) -> None:
     values = np.random.default_rng(0).integers(0, 9, 37).tolist()
     script = "return given.counts.map((count) => module.sharpestInWindows(given.values, count));"

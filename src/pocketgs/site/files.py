@@ -62,7 +62,7 @@ SEQUENCES = ("render", "step")
 NEVER = ("collect statistics", "regularise")
 """Passes that no step of the page's recipe has."""
 
-COMMENT, LINE_BREAK = re.compile("//[^\n]*"), re.compile(r"\s*\n\s*")
+COMMENT, LINE_BREAK, SPACED = re.compile("//[^\n]*"), re.compile(r"\s*\n\s*"), re.compile(" ?([,;:(){}]) ?")
 """In WGSL, which has no strings that could contain them."""
 
 HTML = "index.html"
@@ -108,10 +108,10 @@ def _unversioned() -> dict[str, bytes]:
 
 
 def _plain(description: Description) -> dict[str, Any]:
-    """A description for JSON; its shaders have no comments and no indentation, which only make the page larger."""
+    """A description for JSON; its shaders are without comments, indentation and spaces, which only cost bytes."""
     found = description.to_json()
     for shader in found["shaders"].values():
-        shader["source"] = LINE_BREAK.sub("\n", COMMENT.sub("", shader["source"]))
+        shader["source"] = SPACED.sub(r"\1", LINE_BREAK.sub("\n", COMMENT.sub("", shader["source"])))
     return found
 
 

@@ -13,18 +13,21 @@ const MAX_FILE_BYTES = 512e6;
 export class StoredFile {
     #read;
     #readStart;
+    #whole;
 
     /**
      * @param {string} path with `/` between folders
      * @param {number} size bytes
      * @param {() => Promise<Uint8Array>} read
      * @param {(most: number) => Promise<Uint8Array>} readStart if there is a way to read only its start
+     * @param {Blob | null} whole its content, if that need not be unpacked
      */
-    constructor(path, size, read, readStart = async (most) => (await read()).subarray(0, most)) {
+    constructor(path, size, read, readStart = async (most) => (await read()).subarray(0, most), whole = null) {
         this.path = path;
         this.size = size;
         this.#read = read;
         this.#readStart = readStart;
+        this.#whole = whole;
     }
 
     /**
@@ -40,7 +43,7 @@ export class StoredFile {
                 throw new Error(`${path} ${readingFault(error) ?? error.message}`);
             }
         };
-        return new StoredFile(path, file.size, () => readStart(file.size), readStart);
+        return new StoredFile(path, file.size, () => readStart(file.size), readStart, file);
     }
 
     /**
@@ -53,6 +56,16 @@ export class StoredFile {
             throw new Error(`the file ${this.path} would take ${found} MB: expected at most ${most} MB`);
         }
         return this.#read();
+    }
+
+    /** The same file with another path. @type {(path: string) => StoredFile} */
+    at(path) {
+        return new StoredFile(path, this.size, () => this.bytes(), this.#readStart, this.#whole);
+    }
+
+    /** Its content, of which only what is used is read if it need not be unpacked. @returns {Promise<Blob>} */
+    async blob() {
+        return this.#whole ?? new Blob([await this.bytes()]);
     }
 
     /** Its first bytes, at most so many, which are not checked. @type {(most: number) => Promise<Uint8Array>} */
@@ -125,11 +138,7 @@ export class FileTree {
             return this;
         }
         const inside = [...this.#files.values()].filter(({ path }) => path.startsWith(`${folder}/`));
-        const moved = inside.map((file) => {
-            const path = file.path.slice(folder.length + 1);
-            return new StoredFile(path, file.size, () => file.bytes(), (most) => file.start(most));
-        });
-        return new FileTree(moved);
+        return new FileTree(inside.map((file) => file.at(file.path.slice(folder.length + 1))));
     }
 
     /**

@@ -4,6 +4,8 @@
  * @module
  */
 
+import { FileTree } from "../archive/tree.js";
+import { filesInZip } from "../archive/zip.js";
 import { medianOf } from "../numbers/median.js";
 import * as blender from "./blender.js";
 import { centreOf } from "./camera.js";
@@ -20,10 +22,10 @@ import * as polycam from "./polycam.js";
 import * as record3d from "./record3d.js";
 import * as scannerApp from "./scanner_app.js";
 import * as strayScanner from "./stray_scanner.js";
+import { isRecording, unrecognised } from "./unrecognised.js";
 import { Video } from "./video.js";
 
 /**
- * @typedef {import("../archive/tree.js").FileTree} FileTree
  * @typedef {import("./listing.js").Listing} Listing
  * @typedef {import("./photograph.js").Frame} Frame
  *
@@ -36,11 +38,14 @@ import { Video } from "./video.js";
  * @property {string[]} warnings
  */
 
+/** Folders around a capture. */
+const DEEPEST = 4;
+
 /** The first that recognises a folder reads it: an app's own data goes before what was converted from it. */
 const READERS = [strayScanner, record3d, scannerApp, polycam, blender, nerfstudio, colmap];
 
 /**
- * Read what a capture says of its frames. An archive often holds a folder with the capture in it.
+ * Read what a capture says of its frames. An archive often holds a folder with the capture in it, or a recording.
  *
  * @param {FileTree} tree
  * @param {Object} bounds the settings' `capture`
@@ -50,11 +55,6 @@ const READERS = [strayScanner, record3d, scannerApp, polycam, blender, nerfstudi
  */
 export async function readListing(tree, bounds, onProgress = () => {}) {
     const [place, reader] = await located(tree, bounds);
-    if (!reader) {
-        const formats = "transforms.json (nerfstudio), transforms_train.json (Blender), COLMAP's sparse/0";
-        const apps = "Polycam, Record3D, Stray Scanner, 3D Scanner App or NeRFCapture";
-        throw new Error(`not a capture of a format that this page reads: expected ${formats}, or data of ${apps}`);
-    }
     const stated = await reader.read(place, bounds, onProgress);
     const listing = withReadableDepth(await withMasks(stated, place, bounds));
     const names = listing.frames.map(({ name }) => name);
@@ -139,22 +139,39 @@ async function* decodedFrames(sources, bounds, damaged) {
     }
 }
 
-/** The tree itself, or the only folder in it that is a capture, and its reader. */
+/**
+ * The tree itself, or the only folder or .r3d file in it that is a capture, with its reader. It may lie deeper than in
+ * Python: of an archive, users cannot choose a part.
+ */
 async function located(tree, bounds) {
-    const reader = await readerOf(tree, bounds);
-    if (reader) {
-        return [tree, reader];
-    }
-    const inFolders = tree.paths.filter((path) => path.includes("/"));
-    const captures = [];
-    for (const folder of new Set(inFolders.map((path) => path.slice(0, path.indexOf("/"))))) {
-        const place = tree.below(folder);
-        const reader = await readerOf(place, bounds);
-        if (reader) {
-            captures.push([place, reader]);
+    let places = [tree];
+    for (let depth = 0; depth <= DEEPEST && places.length; depth++) {
+        const readers = await Promise.all(places.map((place) => readerOf(place, bounds)));
+        const captures = places.map((place, i) => [place, readers[i]]).filter(([, reader]) => reader);
+        if (captures.length > 1) {
+            throw new Error(`${captures.length} captures are in one: choose one of them`);
         }
+        if (captures.length) {
+            return captures[0];
+        }
+        places = [...places.flatMap(foldersIn), ...(await recordingIn(places))];
     }
-    return captures.length === 1 ? captures[0] : [tree, undefined];
+    throw new Error(unrecognised(tree));
+}
+
+function foldersIn(tree) {
+    const inFolders = tree.paths.filter((path) => path.includes("/"));
+    const names = new Set(inFolders.map((path) => path.slice(0, path.indexOf("/"))));
+    return [...names].map((name) => tree.below(name));
+}
+
+/** The content of the only .r3d file directly in some places; several are not unpacked to be refused. */
+async function recordingIn(places) {
+    const files = places.flatMap((place) => place.pathsIn("", isRecording).map((path) => place.find(path)));
+    if (files.length > 1) {
+        throw new Error(`${files.length} recordings are in one, such as ${files[0].path}: choose one of them`);
+    }
+    return Promise.all(files.map(async (file) => new FileTree(await filesInZip(await file.blob(), file.path))));
 }
 
 async function readerOf(tree, bounds) {
