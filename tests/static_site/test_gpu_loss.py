@@ -11,6 +11,7 @@ TOLD = """
     let lose;
     const loss = new module.GpuLoss({ lost: new Promise((resolve) => (lose = resolve)) });
     const told = [];
+    loss.throwIfLost();
     const tell = async (work) => {
         told.push(await loss.unless(work, () => "Go on.").catch(({ message }) => message));
     };
@@ -18,13 +19,14 @@ TOLD = """
     await tell(Promise.reject(new Error("failed")));
     const endless = tell(new Promise(() => {}));
     const first = tell(Promise.reject(new Error("because of the loss")));
-    lose({ message: "pulled out" });
+    lose({ message: "pulled out." });
     await Promise.all([endless, first]);
     await tell(new Promise(() => {}));
+    await tell(Promise.resolve().then(() => loss.throwIfLost()));
     return told;
 """
 
 
 def test_loss_is_told_before_what_it_makes_fail(call: Call) -> None:
     lost = "The GPU was lost: pulled out. Go on."
-    assert call("gpu_loss.js", TOLD) == ["done", "failed", lost, lost, lost]
+    assert call("gpu_loss.js", TOLD) == ["done", "failed", lost, lost, lost, lost]

@@ -19,9 +19,16 @@ export class GpuLoss {
     /** @param {GPUDevice} device */
     constructor(device) {
         device.lost.then(({ message }) => {
-            this.#reason = message || "the browser gives no reason";
+            this.#reason = message.replace(/\.$/, "") || "the browser gives no reason";
             this.#listeners.forEach((listener) => listener());
         });
+    }
+
+    /** End work that nobody waits for any more. @throws {Error} the GPU was lost */
+    throwIfLost() {
+        if (this.#reason !== null) {
+            throw new Error(`The GPU was lost: ${this.#reason}`);
+        }
     }
 
     /**

@@ -122,12 +122,18 @@ async function compiled() {
     return opening.get();
 }
 
-function preparedOn({ trainer, stereo, finder }, capture, options) {
+function preparedOn({ trainer, stereo, finder, loss }, capture, options) {
     trainer.release();
     stereo.mostBytes = finder.mostBytes = options.mostBufferBytes;
     return prepared(capture, options, settings, { stereo, finder }, {
-        onStage: (text, share) => stage(text, share, stereo.bytes + finder.bytes),
-        onWarning: (text) => tell("complaint", { text }),
+        onStage: (text, share) => {
+            loss.throwIfLost();
+            return stage(text, share, stereo.bytes + finder.bytes);
+        },
+        onWarning: (text) => {
+            loss.throwIfLost(); // what fails for want of the GPU only seems to lack room
+            tell("complaint", { text });
+        },
     });
 }
 
