@@ -129,6 +129,13 @@ def test_what_is_not_taken(serve: Serve, folder: Path, said: Any, status: int, s
     assert list((folder / "captures").iterdir()) == []
 
 
+def test_a_body_that_is_not_packed_as_it_says(serve: Serve) -> None:
+    """It is the request's fault, not the server's, whose log stays quiet."""
+    phone = serve()
+    answer = phone.tell("captures", {}, **{"Content-Encoding": "gzip"})
+    assert (answer.status, answer.json["error"]) == (400, "the request's body is broken")
+
+
 @pytest.mark.parametrize(
     "name", ["../../x.mov", "/etc/x.mov", "C:\\x.mov", "CON.mov", "nul.mov", "a\x00.mov", "..mov", "-rf.mov", "💩.mov"]
 )

@@ -316,6 +316,7 @@ def test_commands_by_request() -> None:
             assert post(path, pause, Origin=here) == 403, path
         for body in (b"", b"hello", b"[]", b'{"type": "restart"}', b"\xff", b"[" * 200):
             assert post("live", body, Origin=here) == 400, body
+        assert post("live", pause, **{"Origin": here, "Content-Encoding": "gzip"}) == 400
         assert post("live", pause + b" " * 300, Origin=here) == 413
         assert not run.news.progress["paused"]
         assert post("live", pause, Origin=here) == 204

@@ -256,6 +256,8 @@ async def _body_of(request: web.Request) -> bytes:
         return await asyncio.wait_for(request.read(), SECONDS_TO_SEND)
     except asyncio.TimeoutError as error:
         raise RefusedError(408, "the rest of the request did not arrive") from error
+    except web.RequestPayloadError as error:
+        raise RefusedError(400, "the request's body is broken") from error
 
 
 async def _json_of(request: web.Request) -> Any:

@@ -43,4 +43,6 @@ async def posted_command(request: web.Request) -> Command:
         if command is None:
             raise web.HTTPBadRequest from end
         return command
+    except web.RequestPayloadError as error:  # packed, or in pieces, in a way that is broken
+        raise web.HTTPBadRequest from error
     raise web.HTTPRequestEntityTooLarge(MAX_COMMAND_BYTES, request.content_length or MAX_COMMAND_BYTES + 1)
