@@ -116,6 +116,10 @@ def test_what_a_page_can_do(browser: Browser, serve: Callable[..., Phone], photo
         phone["[data-action=delete]"].click()
         phone["#toast"].wait_for()
         phone[".capture"].wait_for(state="detached")
+        assert phone.page.evaluate("document.activeElement.dataset.kind") == "photographs", "the focus has a place"
+        undo = phone["#undo"].bounding_box()
+        assert undo
+        assert undo["width"] > undo["height"], "a long title leaves it room"
         phone["#undo"].click()
         phone[".capture"].wait_for()
         phone[".more"].click()
@@ -123,6 +127,7 @@ def test_what_a_page_can_do(browser: Browser, serve: Callable[..., Phone], photo
         phone["#trash summary"].click()
         phone["#trash li button"].click()
         phone["[data-state=queued]"].wait_for()
+        assert phone.page.evaluate("document.activeElement.dataset.kind") == "photographs"
         choose(phone, "[data-kind=video]", {f"{HARM[:-4]}.mov": b"no video"})
         phone["#begin-upload"].click()
         unusable = phone["[data-state=unusable] .message"].filter(has_text="cannot be opened as a video")

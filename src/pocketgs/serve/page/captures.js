@@ -24,6 +24,7 @@ export class CaptureList {
      * @param {boolean} stays whether links must not leave this page
      */
     show(captures, isHere, stays) {
+        const focused = [...this.#list.children].indexOf(document.activeElement.closest("#captures > li"));
         const known = new Set(captures.map(({ id }) => id));
         for (const [id, item] of this.#items) {
             if (!known.has(id)) {
@@ -39,6 +40,9 @@ export class CaptureList {
                 this.#list.insertBefore(item.element, this.#list.children[index] ?? null);
             }
         });
+        if (focused >= 0) {
+            keepFocus(this.#list.children[Math.min(focused, captures.length - 1)]);
+        }
     }
 
     #add(id) {
@@ -50,6 +54,14 @@ export class CaptureList {
         element.querySelector(".more").addEventListener("click", () => this.#onAction("menu", item.capture));
         this.#items.set(id, item);
         return item;
+    }
+}
+
+/** Those who use the keyboard or a screen reader would lose their place when what had the focus is gone or hidden. */
+function keepFocus(item) {
+    const holder = document.activeElement;
+    if (holder === document.body || !holder.checkVisibility()) {
+        (item?.querySelector(".more") ?? document.querySelector("#choices button")).focus();
     }
 }
 

@@ -13,10 +13,14 @@ export function showTrash(deleted, onRestore) {
     if (now === shown) {
         return; // the user may be about to press one of its buttons
     }
+    const hadFocus = trash.contains(document.activeElement);
     shown = now;
     trash.hidden = deleted.length === 0;
     trash.querySelector("summary").textContent = `Deleted (${deleted.length}), kept for a week`;
     trash.querySelector("ul").replaceChildren(...deleted.map((each) => line(each, onRestore)));
+    if (hadFocus) {
+        (trash.hidden ? document.querySelector("#choices button") : trash.querySelector("summary")).focus();
+    }
 }
 
 function line({ id, title }, onRestore) {
