@@ -13,6 +13,9 @@ from pocketgs.results.folder import RECORD, SCENE
 from pocketgs.serve.entry import Entry
 from pocketgs.serve.shelf import CAPTURE, UPLOAD
 
+LOOKED_FOR = " Looked for "
+"""What follows is the list of files by which formats are recognised: longer than a phone's screen, no help there."""
+
 
 def is_complete(result: Path, begun: float) -> bool:
     """Whether a run that began at a time has come to its end."""
@@ -46,7 +49,7 @@ def plain_message(said: str, entry: Entry, place: Path) -> str:
     names |= {place / UPLOAD: entry.title, place / CAPTURE: entry.title, place: entry.title}
     for path, name in names.items():
         said = said.replace(str(path), name)
-    return said.removeprefix("pocketgs: ")
+    return said.removeprefix("pocketgs: ").partition(LOOKED_FOR)[0]
 
 
 def _time_of(path: Path) -> float:
