@@ -384,23 +384,27 @@ def test_compare_shows_what_moved_in_a_training_photograph(visit: Visit) -> None
 
 
 def test_help(visit: Visit) -> None:
+    visit.page.set_viewport_size({"width": 740, "height": 340})
     visit.page.keyboard.press("?")
     expect(visit["#help"]).to_be_visible()
+    assert visit["#help"].evaluate("help => [help.scrollHeight > help.clientHeight, help.scrollTop]") == [True, 0]
+    visit.page.set_viewport_size({"width": WIDTH, "height": HEIGHT})
     visit.page.keyboard.press("Escape")
     expect(visit["#help"]).to_be_hidden()
 
 
-def test_phone_has_all_buttons_within_reach(visit: Visit) -> None:
-    visit.page.set_viewport_size({"width": 360, "height": 740})
-    assert visit.page.evaluate("document.documentElement.scrollWidth") <= 360
+@pytest.mark.parametrize(("width", "finger"), [(360, 44), (320, 40)])
+def test_phone_has_all_buttons_within_reach(visit: Visit, width: int, finger: int) -> None:
+    visit.page.set_viewport_size({"width": width, "height": 740})
+    assert visit.page.evaluate("document.documentElement.scrollWidth") <= width
     buttons = visit["#toolbar button:visible"].all()
     assert len(buttons) >= 12
     for button in buttons:
         box = button.bounding_box()
         assert box
-        assert min(box["width"], box["height"]) >= 44, button
+        assert min(box["width"], box["height"]) >= finger, button
         assert box["x"] >= 0
-        assert box["x"] + box["width"] <= 360
+        assert box["x"] + box["width"] <= width
         assert box["y"] > 740 / 2
         assert box["y"] + box["height"] <= 740
     visit.page.set_viewport_size({"width": WIDTH, "height": HEIGHT})

@@ -31,7 +31,10 @@ export function connectToolbar(view, cameras, { title, onFault }) {
         background: () => view.changeBackground(),
         screenshot: () => savePicture(view, title).catch((error) => onFault(error.message)),
         "full-screen": () => toggleFullScreen(),
-        "help-button": () => help.showModal(),
+        "help-button": () => {
+            help.showModal();
+            help.scrollTop = 0; // the browser shows the button that has the focus, which is the last
+        },
     };
     for (const [id, action] of Object.entries(actions)) {
         document.getElementById(id).addEventListener("click", action);
