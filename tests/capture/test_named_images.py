@@ -105,7 +105,7 @@ def test_one_folder_too_high(write_transforms, tmp_path):
     assert len(capture.frames) == 10
     assert not lacks_poses(tmp_path)
     shutil.copytree(outer, tmp_path / "second")
-    with pytest.raises(PocketGSError, match="not a capture of a supported format"):
+    with pytest.raises(PocketGSError, match=r"holds 2 captures, second, unpacked: name one of them"):
         open_capture(tmp_path)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import subprocess
 import sys
 
@@ -11,7 +12,7 @@ from PIL import Image
 
 from pocketgs.capture import open_capture
 from pocketgs.capture.hold_out import ordinal
-from pocketgs.capture.open import video_of
+from pocketgs.capture.open import lacks_poses, video_of
 from pocketgs.errors import PocketGSError
 
 
@@ -51,6 +52,26 @@ def test_a_folder_stands_for_the_only_video_in_it(tmp_path, write_transforms):
     assert video_of(recording) == recording
     (recording / "transforms.json").unlink()
     assert video_of(recording) == recording  # photographs are meant
+
+
+def test_a_folder_stands_for_the_only_capture_in_it(tmp_path, write_transforms):
+    """There, or a level deeper. Of several, photographs without poses were taken before, or those of a third."""
+    outer = tmp_path / "outer"
+    folder = outer / "unpacked/scan"
+    shutil.copytree(write_transforms(), folder, ignore=shutil.ignore_patterns("outer"))
+    [warning] = open_capture(outer).warnings
+    assert warning == f"{outer}: not a capture itself, using the one in it, unpacked/scan"
+    assert not lacks_poses(outer)
+    shutil.copytree(folder, outer / "unpacked/again")
+    with pytest.raises(PocketGSError, match=r"outer: holds 2 captures, unpacked/again, unpacked/scan: name"):
+        open_capture(outer)
+    shutil.copytree(folder, outer / "third")
+    assert open_capture(outer).warnings[0].endswith("the one in it, third")
+    shutil.copytree(folder, outer / "fourth")
+    with pytest.raises(PocketGSError, match=r"outer: holds 2 captures, fourth, third: name one of them"):
+        open_capture(outer)
+    shutil.copytree(folder / "images", outer / "images")
+    assert lacks_poses(outer)  # its own photographs are meant
 
 
 @pytest.mark.parametrize("name", ["absent", "nul\0", "x" * 5000])

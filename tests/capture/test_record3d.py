@@ -50,7 +50,7 @@ def test_a_folder_stands_for_the_only_archive_in_it(written_phones, tmp_path):
     assert (capture.name, capture.format) == (tmp_path.name, "record3d")
     assert "using the one in it, walk.r3d" in capture.warnings[0]
     shutil.copy(archive, tmp_path / "run.r3d")
-    with pytest.raises(PocketGSError, match=r"several recordings, run\.r3d, walk\.r3d: name one"):
+    with pytest.raises(PocketGSError, match=r"holds 2 captures, run\.r3d, walk\.r3d: name one of them"):
         open_capture(tmp_path)
 
 

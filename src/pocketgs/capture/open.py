@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import Protocol, get_args
 
@@ -16,12 +17,12 @@ from pocketgs.capture.listed import ListedCapture
 from pocketgs.capture.listing import Listing
 from pocketgs.capture.loading import LensHandling, Preparation
 from pocketgs.capture.origin import near_origin
-from pocketgs.capture.unposed import find_photographs_in, holds_photographs, only_video
-from pocketgs.capture.unrecognised import what_is_there
+from pocketgs.capture.unposed import USUAL_FOLDER, find_photographs_in, holds_photographs, only_video
+from pocketgs.capture.unrecognised import MAX_NAMES, what_is_there
 from pocketgs.capture.video_file import VIDEO_SUFFIXES
-from pocketgs.errors import PocketGSError
+from pocketgs.errors import PocketGSError, listed
 from pocketgs.files.opening import folder_of, reading_inside
-from pocketgs.files.paths import IMAGE_SUFFIXES
+from pocketgs.files.paths import IMAGE_SUFFIXES, relative_name
 from pocketgs.scene.background import Background, checked_background
 
 
@@ -155,7 +156,7 @@ def read_listing(path: Path, images: str | None = None) -> Listing:
     except OSError as error:  # such as a folder without permission
         raise PocketGSError(f"{path}: cannot be read ({error})") from error
     if place != path:
-        found = f"{path}: not a capture itself, using the one in it, {place.name}"
+        found = f"{path}: not a capture itself, using the one in it, {relative_name(place, path)}"
         listing = replace(listing, warnings=(found, *listing.warnings))
     names = [frame.name for frame in listing.frames]
     if not names:
@@ -188,7 +189,11 @@ def holds_capture(path: Path) -> bool:
 
 
 def lacks_poses(path: Path) -> bool:
-    """Whether the path is a video or a folder of photographs, and not a capture of a supported format."""
+    """Whether the path is a video or a folder of photographs, and not a capture of a supported format.
+
+    Raises:
+        PocketGSError: it is a folder that holds several captures.
+    """
     return holds_photographs(path) and not holds_capture(located(path))
 
 
@@ -196,6 +201,7 @@ def video_of(path: Path) -> Path:
     """The path itself, or, if it is a folder without photographs and no capture, its `only_video`.
 
     Raises:
+        PocketGSError: it is a folder that holds a video and several captures.
         OSError: a folder cannot be read.
     """
     video = only_video(path)
@@ -205,16 +211,27 @@ def video_of(path: Path) -> Path:
 def located(path: Path) -> Path:
     """The path itself, or, if it is not a capture, the only folder or .r3d file in it that is one.
 
-    Unpacking an archive often creates a folder that contains only the capture's folder.
+    Unpacking an archive often creates a folder that contains only the capture's folder. It may lie a level deeper too.
 
     Raises:
+        PocketGSError: there are several.
         OSError: a folder cannot be read.
     """
     if not path.is_dir() or holds_capture(path) or find_photographs_in(path):
         return path
-    inner = (entry for entry in sorted(path.iterdir()) if entry.is_dir() or record3d.is_archive(entry))
-    captures = [entry for entry in inner if holds_capture(entry)]
+    inner = _inside(path)
+    captures = list(filter(holds_capture, inner)) or list(filter(holds_capture, chain(*map(_inside, inner))))
+    if len(captures) > 1 and not find_photographs_in(path / USUAL_FOLDER):
+        names = listed([relative_name(found, path) for found in captures], MAX_NAMES)
+        raise PocketGSError(f"{path}: holds {len(captures)} captures, {names}: name one of them")
     return captures[0] if len(captures) == 1 else path
+
+
+def _inside(path: Path) -> list[Path]:
+    """The folders and .r3d files in a folder, sorted; of a file none."""
+    entries = sorted(path.iterdir()) if path.is_dir() else []
+    visible = (entry for entry in entries if not entry.name.startswith("."))
+    return [entry for entry in visible if entry.is_dir() or record3d.is_archive(entry)]
 
 
 def _reader_for(path: Path) -> Reader:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pocketgs.capture.formats import record3d
 from pocketgs.capture.unposed import photographs_by_folder, videos_in
 from pocketgs.errors import counted, listed
 from pocketgs.files.paths import UNREAD_SUFFIXES, relative_name
@@ -27,9 +26,6 @@ def what_is_there(path: Path) -> str:
         return f"it holds photographs in several folders, {listed(sizes, MAX_NAMES)}: move them to one, or name one"
     if len(videos) > 1:
         return f"it holds several videos, {listed([video.name for video in videos], MAX_NAMES)}: name one"
-    recordings = [file.name for file in sorted(path.iterdir()) if record3d.is_archive(file)]
-    if len(recordings) > 1:
-        return f"it holds several recordings, {listed(recordings, MAX_NAMES)}: name one"
     archives = [file.name for file in sorted(path.iterdir()) if _is_archive(file)]
     if archives:
         return f"it holds {listed(archives, MAX_NAMES)}: unpack archives first"
