@@ -14,12 +14,6 @@ import numpy as np
 CONTRAST = 0.02
 """SIFT's contrast threshold, COLMAP's value."""
 
-FEW = 1000
-"""Photographs with fewer features, such as dark, hazy or underwater ones, are equalised before features are sought."""
-
-CLIP, TILES = 6.0, (12, 12)
-"""Contrast limit and tiles of that equalisation."""
-
 
 @dataclass(frozen=True)
 class ImageFeatures:
@@ -44,15 +38,12 @@ class ImageFeatures:
 def find_features(image: np.ndarray, most: int) -> ImageFeatures:
     """The `most` strongest SIFT features of an (H, W, 3) uint8 image, strongest first.
 
-    If there are only a `FEW`, contrast is equalised locally (CLAHE, Zuiderveld 1994): a threshold alone that is as low
-    finds as many, but fewer of these match. Descriptors are RootSIFT (Arandjelović and Zisserman 2012).
+    Descriptors are RootSIFT (Arandjelović and Zisserman 2012).
     """
     grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
     # Without precise upscaling, features are off by a quarter of a pixel.
     detector = cv2.SIFT.create(nfeatures=most, contrastThreshold=CONTRAST, enable_precise_upscale=True)
     found, descriptors = detector.detectAndCompute(grey, None)
-    if len(found) < min(FEW, most):
-        found, descriptors = detector.detectAndCompute(cv2.createCLAHE(CLIP, TILES).apply(grey), None)
     if descriptors is None:
         return ImageFeatures(np.zeros((0, 4), np.float32), np.zeros((0, 128), np.uint8))
     order = np.argsort([-keypoint.response for keypoint in found], kind="stable")
