@@ -9,11 +9,13 @@ import numpy as np
 import tyro
 
 from pocketgs.capture import ListedCapture
+from pocketgs.capture.open import lacks_poses, video_of
 from pocketgs.cli.capture_options import CaptureOptions
 from pocketgs.cli.devices import device_lines
 from pocketgs.cli.run_lines import capture_lines
 from pocketgs.cli.scene_file import load_any, names_scene
 from pocketgs.cli.terminal import Terminal
+from pocketgs.cli.unposed_lines import unposed_lines
 from pocketgs.errors import PocketGSError
 from pocketgs.files.memory_bound import DEFAULT_MB, memory_bound
 from pocketgs.scene.formats.activations import opacity_of
@@ -27,10 +29,11 @@ def info(
     max_memory: int = DEFAULT_MB,
     reading: CaptureOptions = CaptureOptions(),  # noqa: B008 - a frozen dataclass
 ) -> None:
-    """Describe a capture or a scene, or list the devices to compute on.
+    """Describe a capture, photographs or a scene, or list the devices to compute on.
 
     Args:
-        path: A capture's folder or transforms.json, a scene file (.ply, .pgs, .spz, .glb …), or a result folder.
+        path: A capture's folder or transforms.json, photographs, a video, a scene file (.ply, .pgs, .spz, .glb …), or a
+            result folder.
         devices: List the GPUs and which engines can use them.
         max_memory: Megabytes that reading may take. A capture's photographs are reduced to fit; larger scenes are
             refused.
@@ -51,7 +54,8 @@ def info(
 
 def _path_lines(path: Path, reading: CaptureOptions) -> list[str]:
     if not names_scene(path):
-        return _capture_lines(reading.listed(path))
+        capture = video_of(path)
+        return unposed_lines(capture) if lacks_poses(capture) else _capture_lines(reading.listed(capture))
     scene = load_any(path)
     if isinstance(scene, SortFreeScene):
         return [*_scene_lines(scene.gaussians), _weights_line(scene)]
