@@ -18,6 +18,20 @@
 /** A file is not an image, or a damaged one, such as one whose transfer was interrupted. */
 export class DamagedImageError extends Error {}
 
+/**
+ * For `catch` where damaged images are left out: the error of one, in place of what it would have been.
+ *
+ * @param {Error} error
+ * @returns {DamagedImageError}
+ * @throws {Error} it is another error
+ */
+export function damage(error) {
+    if (error instanceof DamagedImageError) {
+        return error;
+    }
+    throw error;
+}
+
 /** Most files state their size within so many bytes. */
 const START_BYTES = 1 << 16;
 

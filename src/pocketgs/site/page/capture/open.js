@@ -11,8 +11,8 @@ import * as blender from "./blender.js";
 import { centreOf } from "./camera.js";
 import * as colmap from "./colmap.js";
 import { withReadableDepth } from "./depth_map.js";
+import { damage, DamagedImageError } from "./image_header.js";
 import { damagedWarning, depthWarnings, maskedOutWarning, maskWarnings } from "./left_out.js";
-import { DamagedImageError } from "./image_header.js";
 import { heldOutOf } from "./listing.js";
 import * as nerfstudio from "./nerfstudio.js";
 import { withMasks } from "./masks.js";
@@ -121,11 +121,9 @@ export async function loadCapture(listing, most, settings, onProgress) {
 async function* decodedFrames(sources, bounds, damaged) {
     if (sources[0].frame === null) {
         for (const source of sources) {
-            const found = await decodedPhotograph(source, bounds).catch((error) => error);
+            const found = await decodedPhotograph(source, bounds).catch(damage);
             if (found instanceof DamagedImageError) {
                 damaged.set(source.name, found);
-            } else if (found instanceof Error) {
-                throw found;
             } else {
                 yield [source, found];
             }

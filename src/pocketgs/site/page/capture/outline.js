@@ -5,7 +5,7 @@
  */
 
 import { cropped, resized } from "./camera.js";
-import { DamagedImageError, storedSize } from "./image_header.js";
+import { damage, DamagedImageError, storedSize } from "./image_header.js";
 import { distorts } from "./lens.js";
 import { requireInside } from "./photograph.js";
 import { undistortedView } from "./undistortion.js";
@@ -54,13 +54,5 @@ export async function outlineOf({ frames }, bounds) {
     }
     return outline;
 }
-
-/** The error itself of a photograph that is left out. */
-const damage = (error) => {
-    if (!(error instanceof DamagedImageError)) {
-        throw error;
-    }
-    return error;
-};
 
 const sizeOf = ({ width, height }) => ({ width, height });

@@ -18,17 +18,19 @@ export function plainBackground(frames, { plain_background: { like, least_share:
     if (frames.some(({ hasAlpha }) => hasAlpha)) {
         return null;
     }
-    const edges = frames.flatMap(edgeOf);
+    const edges = Uint8Array.from(frames.flatMap(edgeOf));
     if (!edges.length) {
         return null;
     }
-    const colour = [0, 1, 2].map((channel) => medianOf(edges.map((pixel) => pixel[channel])));
-    const isLike = (pixel) => colour.every((value, channel) => Math.abs(pixel[channel] - value) <= like);
-    const isPlain = edges.filter(isLike).length >= least * edges.length;
-    return isPlain ? colour.map((value) => value / 255) : null;
+    const colour = [0, 1, 2].map((channel) => medianOf(edges.filter((_, i) => i % 3 === channel)));
+    let alike = 0;
+    for (let i = 0; i < edges.length; i += 3) {
+        alike += colour.every((value, channel) => Math.abs(edges[i + channel] - value) <= like);
+    }
+    return 3 * alike >= least * edges.length ? colour.map((value) => value / 255) : null;
 }
 
-/** Colours of the outermost pixels that the mask does not exclude. */
+/** Levels of red, green and blue of the outermost pixels that the mask does not exclude, one after another. */
 function edgeOf({ camera: { width, height }, rgba, mask }) {
     const found = [];
     for (let row = 0; row < height; row++) {
@@ -36,7 +38,7 @@ function edgeOf({ camera: { width, height }, rgba, mask }) {
         for (let column = 0; column < width; column += step) {
             const at = row * width + column;
             if (mask?.[at] ?? true) {
-                found.push(rgba.subarray(4 * at, 4 * at + 3));
+                found.push(rgba[4 * at], rgba[4 * at + 1], rgba[4 * at + 2]);
             }
         }
     }
