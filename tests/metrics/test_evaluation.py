@@ -17,7 +17,7 @@ from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 
 from pocketgs.errors import PocketGSError
 from pocketgs.metrics.colour_correction import colour_corrected
-from pocketgs.metrics.evaluation import Evaluation, ImageMetrics, cc_psnr, evaluate, psnr, ssim
+from pocketgs.metrics.evaluation import Evaluation, ImageMetrics, Pair, cc_psnr, evaluate, psnr, ssim
 from pocketgs.metrics.flip import flip
 from pocketgs.metrics.perceptual import Lpips
 
@@ -131,6 +131,19 @@ def test_colours_are_fitted_within_the_mask(photo: np.ndarray) -> None:
     assert cc_psnr(rendered, photo) < 30
 
 
+def test_colour_correction_leaves_the_background_of_an_object_alone(photo: np.ndarray) -> None:
+    """Black is clipped, so nothing would keep a fit from tinting it."""
+    opaque = np.zeros(photo.shape[:2], dtype=bool)
+    opaque[30:90, 40:150] = True
+    cut = np.where(opaque[..., None], photo, np.float32(0.0))
+    darker = np.clip(0.9 * cut - 0.05, 0, 1)
+    assert cc_psnr(darker, cut) < 30
+    assert cc_psnr(darker, cut, None, opaque) > 40
+    tinted = np.where(opaque[..., None], cut, np.float32(0.1))
+    assert cc_psnr(tinted, cut, None, opaque) == pytest.approx(psnr(tinted, cut), abs=1e-3)
+    assert cc_psnr(tinted, cut, opaque, opaque) > 60
+
+
 def test_flip_grows_with_the_error(photo: np.ndarray) -> None:
     pytest.importorskip("flip_evaluator")
     found = [flip(noisy(photo, amount), photo) for amount in (0.01, 0.05, 0.2)]
@@ -162,7 +175,7 @@ def test_flip_is_the_mean_over_the_mask_alone(monkeypatch: pytest.MonkeyPatch, p
 
 def test_missing_flip_is_none(monkeypatch: pytest.MonkeyPatch, photo: np.ndarray) -> None:
     monkeypatch.setitem(sys.modules, "flip_evaluator", None)
-    assert evaluate([("a", photo, photo, None)], with_lpips=False).flip is None
+    assert evaluate([Pair("a", photo, photo)], with_lpips=False).flip is None
 
 
 def test_full_mask_changes_nothing(photo: np.ndarray) -> None:
@@ -195,14 +208,14 @@ def test_what_cannot_be_compared_is_named(
     rendered: np.ndarray, photo: np.ndarray, mask: np.ndarray | None, message: str
 ) -> None:
     with pytest.raises(PocketGSError, match=f"view 3: .*{message}"):
-        evaluate([("view 3", rendered, photo, mask)], with_lpips=False)
+        evaluate([Pair("view 3", rendered, photo, mask)], with_lpips=False)
 
 
 def test_renderings_are_clipped_as_on_a_screen(photo: np.ndarray) -> None:
     rendered = 1.3 * noisy(photo, 0.1) - 0.1
     clipped = np.clip(rendered, 0.0, 1.0)
     assert (clipped != rendered).any()
-    found, expected = (evaluate([("a", image, photo, None)], with_lpips=False) for image in (rendered, clipped))
+    found, expected = (evaluate([Pair("a", image, photo)], with_lpips=False) for image in (rendered, clipped))
     assert found == expected
 
 
@@ -225,7 +238,7 @@ def test_means_are_over_images() -> None:
 
 
 def test_takes_a_generator_and_is_json(photo: np.ndarray) -> None:
-    evaluation = evaluate(((str(n), noisy(photo, 0.1, n), photo, None) for n in range(2)), with_lpips=False)
+    evaluation = evaluate((Pair(str(n), noisy(photo, 0.1, n), photo) for n in range(2)), with_lpips=False)
     assert [image.name for image in evaluation.images] == ["0", "1"]
     assert evaluation.lpips_note is None
     json.dumps(asdict(evaluation), allow_nan=False)
@@ -233,7 +246,7 @@ def test_takes_a_generator_and_is_json(photo: np.ndarray) -> None:
 
 def test_missing_lpips_is_reported(monkeypatch: pytest.MonkeyPatch, photo: np.ndarray) -> None:
     monkeypatch.setitem(sys.modules, "lpips", None)
-    evaluation = evaluate([("a", photo, photo, None)])
+    evaluation = evaluate([Pair("a", photo, photo)])
     assert evaluation.lpips is None
     assert evaluation.lpips_note is not None
     assert "pip install '.[lpips]'" in evaluation.lpips_note

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -19,7 +20,23 @@ PSNR_CAP = 100.0
 MEANS = ("psnr", "cc_psnr", "ssim", "flip", "lpips")
 """The figures in result files."""
 
-Pair = tuple[str, np.ndarray, np.ndarray, np.ndarray | None]
+
+class Pair(NamedTuple):
+    """A rendering and the photograph that it is compared with.
+
+    Attributes:
+        name: the frame's name.
+        rendered: (H, W, 3) float RGB; it is clipped to [0, 1], as on a screen.
+        photo: (H, W, 3) float RGB in [0, 1].
+        mask: (H, W) bool, True for pixels that count, or None for all.
+        opaque: (H, W) bool, True for pixels that show more than the background, or None for all.
+    """
+
+    name: str
+    rendered: np.ndarray
+    photo: np.ndarray
+    mask: np.ndarray | None = None
+    opaque: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -100,9 +117,7 @@ def evaluate(pairs: Iterable[Pair], with_lpips: bool = True) -> Evaluation:
     """Compare renderings with photographs.
 
     Args:
-        pairs: (name, rendered, photo, mask) each: the images (H, W, 3) float RGB in [0, 1], the mask (H, W) bool, True
-            for pixels that count, or None for all. Renderings are clipped to [0, 1], as on a screen. Consumed one at a
-            time, so a generator may render them.
+        pairs: consumed one at a time, so a generator may render them.
         with_lpips: whether to add LPIPS if its package and weights are available. If not, `Evaluation.lpips_note` says
             why; it is not an error.
 
@@ -111,7 +126,7 @@ def evaluate(pairs: Iterable[Pair], with_lpips: bool = True) -> Evaluation:
     """
     perceptual, note = Lpips.load() if with_lpips else (None, None)
     images = []
-    for name, rendered, photo, mask in pairs:
+    for name, rendered, photo, mask, opaque in pairs:
         try:
             _check(rendered, photo, mask)
             rendered = np.clip(rendered, 0.0, 1.0)
@@ -119,7 +134,7 @@ def evaluate(pairs: Iterable[Pair], with_lpips: bool = True) -> Evaluation:
                 name,
                 psnr(rendered, photo, mask),
                 ssim(rendered, photo, mask),
-                cc_psnr(rendered, photo, mask),
+                cc_psnr(rendered, photo, mask, opaque),
                 flip(rendered, photo, mask),
             )
         except PocketGSError as error:
@@ -159,20 +174,28 @@ def squared_error(rendered: np.ndarray, photo: np.ndarray, mask: np.ndarray | No
     return float(np.mean(squared if mask is None else squared[mask]))
 
 
-def cc_psnr(rendered: np.ndarray, photo: np.ndarray, mask: np.ndarray | None = None) -> float:
+def cc_psnr(
+    rendered: np.ndarray, photo: np.ndarray, mask: np.ndarray | None = None, opaque: np.ndarray | None = None
+) -> float:
     """PSNR of a rendering whose colours have been fitted to the photograph's; see `colour_correction`.
+
+    Around an object that was cut out colours stay: the background has no exposure.
 
     Args:
         rendered: (H, W, 3) float RGB in [0, 1].
         photo: (H, W, 3) float RGB in [0, 1].
         mask: (H, W) bool, True where pixels count, or None for all.
+        opaque: (H, W) bool, True for pixels that show more than the background, or None for all.
 
     Raises:
         PocketGSError: shapes or types disagree, the mask is empty, a number is not finite, or a photograph's is outside
             [0, 1].
     """
     _check(rendered, photo, mask)
-    return psnr(colour_corrected(rendered, photo, mask), photo, mask)
+    if opaque is None:
+        return psnr(colour_corrected(rendered, photo, mask), photo, mask)
+    corrected = colour_corrected(rendered, photo, opaque if mask is None else opaque & mask)
+    return psnr(np.where(opaque[..., None], corrected, rendered), photo, mask)
 
 
 def ssim(rendered: np.ndarray, photo: np.ndarray, mask: np.ndarray | None = None) -> float:

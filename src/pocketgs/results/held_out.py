@@ -51,6 +51,7 @@ def evaluate_held_out(renderer: Renderer, capture: Capture, pictures: Path | Non
             rendered = render_frame(renderer, frame, capture.background)
             if pictures:
                 write_side_by_side(pictures, name, frame.image, rendered)
-            yield frame.name, rendered, (frame.image / np.float32(255.0)).astype(np.float32), frame.mask
+            photo = (frame.image / np.float32(255.0)).astype(np.float32)
+            yield Pair(frame.name, rendered, photo, frame.mask, None if frame.alpha is None else frame.alpha > 0)
 
     return evaluate(pairs())
