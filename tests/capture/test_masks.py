@@ -53,6 +53,52 @@ def test_masks_elsewhere_and_none(write_transforms, tmp_path_factory):
         open_capture(capture, masks="others")
 
 
+@pytest.mark.parametrize("background", [None, (1.0, 0.5, 0.0)])
+def test_outside_masks_a_capture_can_be_empty(write_transforms, background):
+    capture = write_transforms()
+    for number in range(9):
+        save(capture / f"masks/view_{number:02d}.png")
+    options = {"background": background, "hold_out_every": 0}
+    whole, cut = (open_capture(capture, **options, outside_masks=outside).train for outside in ("unknown", "empty"))
+    for before, after in zip(whole[:9], cut[:9], strict=True):
+        assert after.mask is None
+        np.testing.assert_array_equal(after.alpha, MASK)
+        np.testing.assert_array_equal(after.usable, before.mask)
+        np.testing.assert_array_equal(after.image[:, 4:], before.image[:, 4:])
+        colour = np.rint(255 * np.array(background or (0.0, 0.0, 0.0)))
+        np.testing.assert_array_equal(after.image[:, :4], np.broadcast_to(colour, (12, 4, 3)))
+    np.testing.assert_array_equal(cut[9].image, whole[9].image)
+    assert cut[9].alpha is None
+
+
+def test_outside_masks_the_protocol_and_the_errors(write_transforms):
+    capture = write_transforms()
+    with pytest.raises(PocketGSError, match="has no masks, outside which it could be empty"):
+        open_capture(capture, outside_masks="empty")
+    with pytest.raises(PocketGSError, match="outside_masks 'black', expected unknown, empty"):
+        open_capture(capture, outside_masks="black")
+    for number in range(10):
+        save(capture / f"masks/view_{number:02d}.png", MASK if number else np.zeros_like(MASK))
+    opened = open_capture(capture, outside_masks="empty", hold_out_every=0)
+    assert opened.protocol == "16x12, on black, cut out by masks, nothing held out"
+    assert len(opened.train) == 9
+    assert opened.warnings[0].startswith(
+        f"the masks of 1 of 10 frames leave no pixel, the first {'images/view_00.png'}"
+    )
+
+
+def test_cut_out_photographs_keep_their_own_alpha(write_transforms):
+    capture = write_transforms()
+    for number in range(10):
+        save(capture / f"masks/view_{number:02d}.png")
+    opacity = np.full((12, 16), 255, np.uint8)
+    opacity[:3] = 100
+    first = capture / "images/view_00.png"
+    Image.fromarray(np.dstack([np.asarray(Image.open(first).convert("RGB")), opacity])).save(first)
+    found = open_capture(capture, outside_masks="empty", hold_out_every=0).train[0]
+    np.testing.assert_array_equal(found.alpha, np.where(MASK > 0, opacity, 0))
+
+
 def test_masks_of_a_capture_given_by_its_file(write_transforms, tmp_path, monkeypatch):
     capture = write_transforms()
     for number in range(10):

@@ -107,3 +107,13 @@ def test_masks_that_may_be_of_a_videos_frames(
         CaptureOptions(masks=masks).check_without_poses(video, made)
         CaptureOptions(masks=str(place / "people")).check_without_poses(video, made)
         shutil.rmtree(place / "people")
+
+
+@pytest.mark.usefixtures("no_poses")
+def test_photographs_without_masks_are_not_cut_out(pocketgs: Callable, tmp_path: Path) -> None:
+    """Found before poses are, which takes minutes."""
+    for number in range(3):
+        Image.new("RGB", (8, 6)).save(tmp_path / f"{number}.png")
+    done = pocketgs("train", tmp_path, "--output", tmp_path / "out", "--outside-masks", "empty")
+    assert done.status != 0
+    assert "has no masks, outside which it could be empty" in done.errors

@@ -8,11 +8,12 @@ from functools import cached_property
 from pathlib import Path
 
 from pocketgs.capture.capture import Capture, Frame
-from pocketgs.capture.frame_edits import size_after
+from pocketgs.capture.frame_edits import cut_out, size_after
 from pocketgs.capture.image_file import ImageHeader, UndecodableImageError
 from pocketgs.capture.left_out import damaged_warning, depth_warnings, mask_warnings, masked_out_warning
 from pocketgs.capture.listing import FrameSource, Listing
 from pocketgs.capture.loading import MAX_READERS, Preparation, camera_of_size, header_of, load_frames
+from pocketgs.capture.masks import OutsideMasks
 from pocketgs.capture.outline import Outline, Size
 from pocketgs.capture.plain_background import plain_background
 from pocketgs.capture.stored_photographs import StoredPhotographs
@@ -37,6 +38,7 @@ class ListedCapture:
         preparation: applied to every image.
         size_is_given: whether the user chose the image size.
         background_is_given: whether the user chose the background.
+        outside_masks: "empty" to make alpha of masks.
     """
 
     name: str
@@ -47,6 +49,7 @@ class ListedCapture:
     preparation: Preparation
     size_is_given: bool = False
     background_is_given: bool = False
+    outside_masks: OutsideMasks = "unknown"
 
     def outline(self, shrink: int = 1) -> Outline:
         """Image sizes, from the photographs' headers.
@@ -82,7 +85,7 @@ class ListedCapture:
             undone_pixels=max((width * height for width, height in undone.values()), default=0),
             lenses=len({self._undoing_of(source) for source in self._sources if source.name in undone}),
             pixel_bytes=max(_pixel_bytes(source, headers[source.name]) for source in self._sources),
-            has_alpha=any(header.has_alpha for header in headers.values()),
+            has_alpha=any(header.has_alpha for header in headers.values()) or self.outside_masks == "empty",
             read_again=_may_read_again(shrink),
         )
 
@@ -121,22 +124,27 @@ class ListedCapture:
         train = [frame for frame in frames if frame.name not in self.held_out_names]
         if not self.background_is_given:
             preparation = replace(preparation, background=plain_background(train) or preparation.background)
+        warnings += mask_warnings(sources, loaded, preparation.folder)
+        if self.outside_masks == "empty":
+            frames = [cut_out(frame, preparation.background) for frame in frames]
         return Capture(
             name=self.name,
             path=self.path,
             format=self.listing.format,
-            train=train,
+            train=[frame for frame in frames if frame.name not in self.held_out_names],
             held_out=[frame for frame in frames if frame.name in self.held_out_names],
             points=self.listing.points,
             background=preparation.background,
             metric=self.listing.metric,
             origin=self.listing.origin,
             protocol=", ".join(
-                [describe_images(sources, frames, preparation, self._is_reduced(preparation)), self.split]
+                [
+                    describe_images(sources, frames, preparation, self._is_reduced(preparation)),
+                    *(["cut out by masks"] if self.outside_masks == "empty" else []),
+                    self.split,
+                ]
             ),
-            warnings=warnings
-            + mask_warnings(sources, loaded, preparation.folder)
-            + depth_warnings(sources, loaded, preparation.folder),
+            warnings=warnings + depth_warnings(sources, loaded, preparation.folder),
             photographs=StoredPhotographs(sources, self._of_pinholes, readers) if _may_read_again(shrink) else None,
         )
 

@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
+from typing import Literal
 
 from pocketgs.capture.image_file import read_size
 from pocketgs.capture.last_numbers import NUMBERLESS, last_number, pair_by_number
@@ -18,6 +19,8 @@ from pocketgs.files.paths import list_images
 
 FOUND, NONE = "found", "none"
 """Values of the option `masks` other than a folder: use the capture's own masks, or none."""
+
+OutsideMasks = Literal["unknown", "empty"]
 
 FOLDERS = ("masks", "mask")
 
@@ -35,6 +38,16 @@ def named_folder(capture: Path, masks: str) -> Path | None:
         searched = "" if folder.is_absolute() else f" in the current folder or in {capture}"
         raise PocketGSError(f"{folder}: no such folder, expected one with masks{searched}")
     return folder
+
+
+def require(path: Path, has_masks: bool) -> None:
+    """Refuse a capture without masks where what lies outside them should be empty.
+
+    Raises:
+        PocketGSError: it has none.
+    """
+    if not has_masks:
+        raise PocketGSError(f"{path}: has no masks, outside which it could be empty; name their folder with --masks")
 
 
 def with_masks(listing: Listing, capture: Path, masks: str) -> Listing:

@@ -55,6 +55,7 @@ def open_capture(
     lens: LensHandling = "undistort",
     hold_out_every: int = HOLD_OUT_EVERY,
     masks: str = masks_of.FOUND,
+    outside_masks: masks_of.OutsideMasks = "unknown",
 ) -> Capture:
     """Read a capture of any supported format into memory.
 
@@ -76,6 +77,8 @@ def open_capture(
             fewer than four frames; 0 trains on all frames in any case.
         masks: folder with masks, inside the capture or elsewhere; "found" for those that the capture states or has in a
             folder `masks` or `mask`, "none" for none. Alpha is not a mask: see `background`.
+        outside_masks: "unknown" learns nothing from pixels that masks exclude; "empty" makes alpha of the masks: the
+            scene is learned to be empty there.
 
     Raises:
         PocketGSError: the capture or an option is not usable; the message names the file, what was found and what was
@@ -90,6 +93,7 @@ def open_capture(
         lens=lens,
         hold_out_every=hold_out_every,
         masks=masks,
+        outside_masks=outside_masks,
     ).load()
 
 
@@ -103,6 +107,7 @@ def list_capture(
     lens: LensHandling = "undistort",
     hold_out_every: int = HOLD_OUT_EVERY,
     masks: str = masks_of.FOUND,
+    outside_masks: masks_of.OutsideMasks = "unknown",
 ) -> ListedCapture:
     """List a capture without decoding photographs; arguments as in `open_capture`.
 
@@ -110,11 +115,13 @@ def list_capture(
         PocketGSError: the capture or an option is not usable.
     """
     path = Path(path)
-    check_options(downscale, max_size, background, lens, hold_out_every)
+    check_options(downscale, max_size, background, lens, hold_out_every, outside_masks)
     listing = read_listing(path, images)
     place = located(path)
     folder = place if place.is_dir() else place.parent
     listing = masks_of.with_masks(listing, folder, masks)
+    if outside_masks == "empty":
+        masks_of.require(path, any(frame.mask_path is not None for frame in listing.frames))
     held_out_names, split = choose_held_out(listing, hold_out_every)
     count = len(listing.frames)
     if all(frame.name in held_out_names for frame in listing.frames):
@@ -140,6 +147,7 @@ def list_capture(
         preparation,
         size_is_given=downscale is not None,
         background_is_given=background is not None,
+        outside_masks=outside_masks,
     )
 
 
@@ -270,6 +278,7 @@ def check_options(
     background: Background | None,
     lens: str,
     hold_out_every: int,
+    outside_masks: str,
 ) -> None:
     """Refuse options of `list_capture` that are out of range.
 
@@ -282,6 +291,8 @@ def check_options(
         raise PocketGSError(f"max_size {max_size}, expected at least 1 pixel")
     if lens not in get_args(LensHandling):
         raise PocketGSError(f"lens {lens!r}, expected {', '.join(get_args(LensHandling))}")
+    if outside_masks not in get_args(masks_of.OutsideMasks):
+        raise PocketGSError(f"outside_masks {outside_masks!r}, expected {', '.join(get_args(masks_of.OutsideMasks))}")
     if hold_out_every < 0 or hold_out_every == 1:
         raise PocketGSError(f"hold_out_every {hold_out_every}, expected 0 (none) or at least 2")
     if background is not None:

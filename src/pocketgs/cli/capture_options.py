@@ -9,7 +9,7 @@ from pathlib import Path
 from pocketgs.capture import Capture, ListedCapture, list_capture
 from pocketgs.capture.hold_out import HOLD_OUT_EVERY
 from pocketgs.capture.loading import LensHandling
-from pocketgs.capture.masks import check_for_video, named_folder
+from pocketgs.capture.masks import OutsideMasks, check_for_video, named_folder
 from pocketgs.capture.open import check_options
 from pocketgs.capture.unposed import is_video
 from pocketgs.cli.terminal import Terminal
@@ -35,6 +35,8 @@ class CaptureOptions:
             than four frames none is held out, unless n is at most their number.
         masks: Folder with masks, white for pixels to use. By default those that the capture states or has in a folder
             masks or mask; "none" uses no masks.
+        outside_masks: What lies outside the masks is unknown, and can become anything; or empty: the masked object is
+            cut out.
     """
 
     images: str | None = None
@@ -44,6 +46,7 @@ class CaptureOptions:
     lens: LensHandling = "undistort"
     hold_out: int = HOLD_OUT_EVERY
     masks: str = "found"
+    outside_masks: OutsideMasks = "unknown"
 
     def open(self, path: Path) -> Capture:
         """Read the capture at `path`, and print its reader's warnings to standard error."""
@@ -58,7 +61,7 @@ class CaptureOptions:
         Raises:
             PocketGSError: one is.
         """
-        check_options(self.downscale, self.max_size, self.background, self.lens, self.hold_out)
+        check_options(self.downscale, self.max_size, self.background, self.lens, self.hold_out, self.outside_masks)
 
     def check_without_poses(self, path: Path, made: Path) -> None:
         """Refuse options that cannot be right for photographs or a video, before poses are sought for minutes.
@@ -108,4 +111,5 @@ class CaptureOptions:
             lens=self.lens,
             hold_out_every=self.hold_out,
             masks=self.masks,
+            outside_masks=self.outside_masks,
         )

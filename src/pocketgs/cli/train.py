@@ -9,7 +9,7 @@ from typing import Annotated
 import tyro
 
 from pocketgs.capture import ListedCapture
-from pocketgs.capture.masks import FOUND, NONE
+from pocketgs.capture.masks import FOUND, NONE, require
 from pocketgs.capture.open import capture_name, is_transforms_file, lacks_poses, video_of
 from pocketgs.capture.unposed import is_video
 from pocketgs.cli.capture_options import CaptureOptions
@@ -23,6 +23,7 @@ from pocketgs.results.folder import check_free_for, posed_folder
 from pocketgs.results.reporter import Reporter
 from pocketgs.results.run import RunResult, run
 from pocketgs.structure_from_motion.folder import MASKS
+from pocketgs.structure_from_motion.images import source_masks
 from pocketgs.structure_from_motion.options import PoseOptions
 from pocketgs.structure_from_motion.pose import posed
 from pocketgs.training.options import TrainingOptions
@@ -83,6 +84,8 @@ def _listed(
     console.say(f"{capture} has no poses: structure from motion finds them and keeps them in {found}")
     # Masks have the names of photographs; a video's frames get theirs only now.
     masks = FOUND if is_video(capture) else reading.masks
+    if reading.outside_masks == "empty" and not is_video(capture):
+        require(capture, bool(source_masks(capture, masks)))
     made = posed(
         capture,
         found,
