@@ -19,6 +19,8 @@ from pocketgs.training.progress import Progress
 
 ITERATIONS_BETWEEN_LINES = 100
 SECONDS_BETWEEN_LINES = 10.0
+LONG_STAGES = ("poses", "depth", "compilation")
+"""Stages without counts that take minutes on large captures: plain lines name them."""
 
 
 class Display:
@@ -56,7 +58,7 @@ class Display:
         self._next_line = self._begun + SECONDS_BETWEEN_LINES
         if stage in STAGES and self._live:
             self._live.update(Text(f"{STAGES[stage]} …"))
-        elif stage == "compilation":
+        elif stage in LONG_STAGES:
             self._console.say(STAGES[stage])
 
     def _show_count(self, done: int, of: int) -> None:
