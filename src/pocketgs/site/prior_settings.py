@@ -6,6 +6,7 @@ from dataclasses import asdict
 from typing import Any
 
 from pocketgs.capture.sharpness import REDUCED_SIDE
+from pocketgs.geometry import agreement
 from pocketgs.prior import exposure, keyframes, scale, seen_points
 from pocketgs.prior.bundle import levenberg_marquardt, reprojection
 from pocketgs.prior.bundle.adjustment import BundleSettings
@@ -81,8 +82,8 @@ def _poses() -> dict[str, Any]:
             "metric_distance": scale.METRIC_DISTANCE,
         },
         "suspects": {
-            "pair_fit": suspects.PAIR_FIT,
-            "min_support": suspects.MIN_SUPPORT,
+            "pair_fit": agreement.PAIR_FIT,
+            "min_support": agreement.MIN_SUPPORT,
             "min_matches": suspects.MIN_MATCHES,
             "neighbours": suspects.NEIGHBOURS,
             "min_features": suspects.MIN_FEATURES,

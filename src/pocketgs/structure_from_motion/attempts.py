@@ -99,10 +99,10 @@ def place_all(
     if more:
         go_on = len(lacking) < len(names) / 4
         best = max(best, attempt(more, go_on=go_on, better_than=_placed(best)), key=_placed)
-    if len(best["placed"]) < MIN_SHARE * len(names):
+    if _reached(best) < MIN_SHARE * len(names):
         tolerant = attempt(set(), least_matches=MIN_MATCHES_RELAXED, better_than=_placed(best))
         best = max(best, tolerant, key=_placed)
-    if len(best["placed"]) < MIN_SHARE * len(names) and _moved(best):
+    if _reached(best) < MIN_SHARE * len(names) and _moved(best):
         best = max(best, at_once(), key=_placed)
     return best
 
@@ -114,6 +114,11 @@ def _moved(outcome: MappingOutcome) -> bool:
 
 def _placed(outcome: MappingOutcome) -> int:
     return len(outcome["placed"])
+
+
+def _reached(outcome: MappingOutcome) -> int:
+    """Number of images with enough matches for a place, be it a wrong one: more matches do not help these."""
+    return _placed(outcome) + outcome.get("contradicted", 0)
 
 
 def _likeness(photographs: Sequence[Photograph], seed: int) -> np.ndarray:

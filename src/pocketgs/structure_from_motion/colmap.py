@@ -12,19 +12,14 @@ import pycolmap
 
 from pocketgs.structure_from_motion.database import add_camera, add_image, number_names, write_pairs
 from pocketgs.structure_from_motion.job import announce, announce_count, serve
+from pocketgs.structure_from_motion.mapping import FAR, MIN_MODEL, agreeing_models
 from pocketgs.structure_from_motion.mapping_job import MappingJob, MappingOutcome
 from pocketgs.structure_from_motion.match_file import read_match_file
 from pocketgs.structure_from_motion.stillness import match_shifts, stands_still
 from pocketgs.structure_from_motion.world import from_places, upright
 
-MIN_MODEL, MIN_POINTS = 3, 20
-"""Minimum number of images and of points of a model."""
-
-MIN_POINTS_PER_IMAGE = 20
-"""Minimum number of points of a model of images that were placed all at once, per image."""
-
-FAR, AS_GOOD = 0.1, 1.1
-"""Log ratio above which two focal lengths differ, and the maximum ratio of reprojection errors to take another one."""
+AS_GOOD = 1.1
+"""Maximum ratio of reprojection errors to take another focal length."""
 
 WITH_PARALLAX = (
     pycolmap.TwoViewGeometryConfiguration.CALIBRATED.value,
@@ -57,11 +52,11 @@ def run(job: MappingJob) -> MappingOutcome:
     if outcome["stands_still"]:
         return outcome
     announce("mapping")
-    models = _models(job, database)
+    models = agreeing_models(job, database)
     if not models:
         return outcome
-    models.sort(key=lambda model: (model.num_reg_images(), model.num_points3D()), reverse=True)
-    largest = models[0]
+    (largest, rest), *others = models
+    parts = [*rest, *(other.model.num_reg_images() for other in others)]
     outcome["placed"] = sorted(names[image.name] for image in largest.images.values() if image.has_pose)
     if len(outcome["placed"]) <= job["better_than"]:
         return outcome
@@ -78,7 +73,8 @@ def run(job: MappingJob) -> MappingOutcome:
         "points": largest.num_points3D(),
         "reprojection_error": largest.compute_mean_reprojection_error(),
         "track_length": largest.compute_mean_track_length(),
-        "other_models": [model.num_reg_images() for model in models[1:]],
+        "contradicted": sum(rest),
+        "other_models": sorted((images for images in parts if images >= MIN_MODEL), reverse=True),
         "metric": metric,
     }
 
@@ -150,85 +146,6 @@ def _matched(database: pycolmap.Database) -> list[tuple[str, str]]:
     names = {image.image_id: image.name for image in database.read_all_images()}
     numbers = [pycolmap.pair_id_to_image_pair(pair) for pair in database.read_num_matches()[0]]
     return [(names[first], names[second]) for first, second in numbers]
-
-
-def _models(job: MappingJob, database: Path) -> list[pycolmap.Reconstruction]:
-    found = MAPPERS[job["mapper"]](job, database)
-    # Where the camera only turned, COLMAP places images and then discards their points.
-    return [model for model in found if model.num_reg_images() >= MIN_MODEL and model.num_points3D() >= MIN_POINTS]
-
-
-def _map_incrementally(job: MappingJob, database: Path) -> list[pycolmap.Reconstruction]:
-    """Start from two images and add one after the other."""
-    options = pycolmap.IncrementalPipelineOptions()
-    options.random_seed = job["seed"]
-    # With several threads, sums are in any order, and bundle adjustment amplifies the difference.
-    options.num_threads = 1
-    options.min_model_size = MIN_MODEL
-    options.extract_colors = False
-    options.min_num_matches = job["least_matches"]
-    options.mapper.abs_pose_min_num_inliers = 2 * job["least_matches"]
-    options.multiple_models = not job["go_on"]
-    working = database.with_name("models")
-    working.mkdir(exist_ok=True)
-    images = sum(len(camera["images"]) for camera in job["cameras"])
-    placed = 0
-
-    def begin() -> None:
-        """Each model is timed by itself."""
-        nonlocal placed
-        placed = job["better_than"] if job["go_on"] else 2
-        announce("mapping")
-        announce_count(placed, images)
-
-    def place_next() -> None:
-        nonlocal placed
-        placed += 1
-        announce_count(min(placed, images), images)  # an image that was discarded is placed again
-
-    found = pycolmap.incremental_mapping(
-        database,
-        database.parent,
-        working,
-        options,
-        input_path=job["raw_model"] if job["go_on"] else "",
-        initial_image_pair_callback=begin,
-        next_image_callback=place_next,
-    )
-    return list(found.values())
-
-
-def _map_globally(job: MappingJob, database: Path) -> list[pycolmap.Reconstruction]:
-    """Place all images at once (GLOMAP, Pan et al. 2024), which needs no two images to start from.
-
-    It places images by few and wrong matches too: a model with few points, or with a lens that makes no sense, is none.
-    """
-    options = pycolmap.GlobalPipelineOptions()
-    options.min_num_matches = job["least_matches"]
-    options.min_model_size = MIN_MODEL
-    mapper = options.mapper
-    for each in (options, mapper, mapper.rotation_averaging, mapper.global_positioning):
-        each.random_seed = job["seed"]
-    options.num_threads = mapper.num_threads = 1  # as for the other mapper
-    lens = mapper.bundle_adjustment
-    lens.refine_focal_length = lens.refine_extra_params = job["refine_lenses"]
-    working = database.with_name("global_models")
-    working.mkdir(exist_ok=True)
-    found = pycolmap.global_mapping(database, database.parent, working, options)
-    return [
-        model
-        for model in found.values()
-        if model.num_points3D() >= MIN_POINTS_PER_IMAGE * model.num_reg_images()
-        and all(map(_has_square_pixels, model.cameras.values()))
-    ]
-
-
-def _has_square_pixels(camera: pycolmap.Camera) -> bool:
-    """Whether the focal lengths along both axes agree: they drift apart where the motion does not determine them."""
-    return abs(float(np.log(camera.focal_length_x / camera.focal_length_y))) <= FAR
-
-
-MAPPERS = {"incremental": _map_incrementally, "global": _map_globally}
 
 
 def _with_stated_focal_lengths(job: MappingJob, model: pycolmap.Reconstruction) -> pycolmap.Reconstruction:

@@ -90,6 +90,7 @@ class MappingOutcome(_Matched, total=False):
         points: number of points.
         reprojection_error: mean, in pixels of the full images.
         track_length: mean number of images per point.
+        contradicted: number of images that the model was joined to, although their matches contradict it.
         other_models: numbers of images of models that do not fit together with this one.
         metric: whether the world is in metres.
         lenses_refined: whether the lenses were found from the photographs.
@@ -98,6 +99,7 @@ class MappingOutcome(_Matched, total=False):
     points: int
     reprojection_error: float
     track_length: float
+    contradicted: int
     other_models: list[int]
     metric: bool
     lenses_refined: bool

@@ -1,6 +1,6 @@
 /**
  * Detection of wrong poses: cameras whose matches with the others imply another relative motion; the twin of
- * `prior/poses/suspects.py`, which says why in groups.
+ * `prior/poses/suspects.py` and `geometry/agreement.py`, which says why in groups.
  *
  * @module
  */

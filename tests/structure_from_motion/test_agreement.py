@@ -1,0 +1,106 @@
+"""Models that join parts of a scene wrongly, of a synthetic scene."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+import pytest
+from scipy.spatial.transform import Rotation
+
+from pocketgs.structure_from_motion import mapping
+from pocketgs.structure_from_motion.agreement import forget, split
+from pocketgs.structure_from_motion.mapping import agreeing_models
+from pocketgs.structure_from_motion.mapping_job import MappingJob
+
+IMAGES = 12
+APART = [3, 4, 5, 6]
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory: pytest.TempPathFactory) -> tuple[pycolmap.Reconstruction, Path]:
+    """The true model of cameras around points, and a database with all their matches."""
+    path = tmp_path_factory.mktemp("scene") / "features.db"
+    options = pycolmap.SyntheticDatasetOptions()
+    options.num_rigs, options.num_frames_per_rig, options.num_points3D = 1, IMAGES, 300
+    options.camera_has_prior_focal_length = True
+    pycolmap.set_random_seed(0)
+    with pycolmap.Database.open(path) as database:
+        model = pycolmap.synthesize_dataset(options, database)
+    return model, path
+
+
+def wrongly_joined(model: pycolmap.Reconstruction, numbers: Sequence[int]) -> pycolmap.Reconstruction:
+    """The model with some images moved as one."""
+    moved = pycolmap.Reconstruction(model)
+    motion = pycolmap.Rigid3d(
+        pycolmap.Rotation3d(Rotation.from_rotvec([0.2, 0.5, 0.3]).as_quat()), np.array([0.5, -0.3, 0.4])
+    )
+    for number in numbers:
+        frame = moved.frame(moved.images[number].frame_id)
+        frame.rig_from_world = frame.rig_from_world * motion
+    return moved
+
+
+def placed(model: pycolmap.Reconstruction) -> list[int]:
+    return sorted(number for number, image in model.images.items() if image.has_pose)
+
+
+def test_a_right_model_stays_whole(scene: tuple[pycolmap.Reconstruction, Path]) -> None:
+    model = pycolmap.Reconstruction(scene[0])
+    with pycolmap.Database.open(scene[1]) as database:
+        assert split(model, database) == ([], [])
+    assert len(placed(model)) == IMAGES
+    assert model.num_points3D() == scene[0].num_points3D()
+
+
+def test_images_that_contradict_the_others_lose_their_poses(scene: tuple[pycolmap.Reconstruction, Path]) -> None:
+    model = wrongly_joined(scene[0], APART)
+    with pycolmap.Database.open(scene[1]) as database:
+        found = split(model, database)
+    assert found.parts == [len(APART)]
+    assert placed(model) == [number for number in placed(scene[0]) if number not in APART]
+
+
+def test_they_are_placed_anew(
+    scene: tuple[pycolmap.Reconstruction, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    truth, database = scene
+    monkeypatch.setitem(mapping.MAPPERS, "incremental", lambda *_: [wrongly_joined(truth, APART)])
+    (found, rest), *others = agreeing_models(job(truth), database)
+    assert (placed(found), rest, others) == (placed(truth), [], [])
+    for number in placed(truth):
+        for other in placed(truth):
+            turn = relative(found, number, other).rotation * relative(truth, number, other).rotation.inverse()
+            assert turn.angle() < 1e-3
+
+
+def test_matches_that_joined_parts_are_forgotten(scene: tuple[pycolmap.Reconstruction, Path], tmp_path: Path) -> None:
+    """Both before and after verification, whose counts must stay equal."""
+    copy = shutil.copy(scene[1], tmp_path)
+    first, second = placed(scene[0])[:2]
+    with pycolmap.Database.open(copy) as database:
+        count = database.num_verified_image_pairs()
+        forget([(first, second)], database)
+        assert database.num_verified_image_pairs() == database.num_matched_image_pairs() == count - 1
+        assert not database.exists_matches(first, second)
+
+
+def relative(model: pycolmap.Reconstruction, first: int, second: int) -> pycolmap.Rigid3d:
+    return model.images[second].cam_from_world() * model.images[first].cam_from_world().inverse()
+
+
+def job(model: pycolmap.Reconstruction) -> MappingJob:
+    """What the mapper asks about; the database is filled."""
+    images = [{"name": image.name, "features": ""} for image in model.images.values()]
+    return {  # type: ignore[typeddict-item]
+        "cameras": [{"images": images}],
+        "least_matches": 15,
+        "mapper": "incremental",
+        "go_on": False,
+        "better_than": 0,
+        "seed": 0,
+    }
