@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import importlib
 import json
+import re
 import ssl
 import sys
 import urllib.error
@@ -147,3 +148,18 @@ def test_certificates_that_the_user_names_come_first(
     for path in (fallback, system, named):
         path.touch()
         assert certificates.certificate_bundle(fallback) == str(path)
+
+
+@pytest.mark.parametrize(
+    ("extras", "expected"), [([], "240 MB"), (["bench", "dev"], "240 MB"), (["dev", "gsplat"], "7 GB on the disk")]
+)
+def test_the_size_of_what_is_downloaded(bootstrap: ModuleType, extras: list[str], expected: str) -> None:
+    assert expected in bootstrap.download_size(extras)
+
+
+def test_the_extras_that_need_pytorch(bootstrap: ModuleType) -> None:
+    text = (bootstrap.ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    section = text[text.index("[project.optional-dependencies]") : text.index("[project.scripts]")]
+    extras = re.findall(r"^(\w+) = \[(.*?)\]", section, re.M | re.S)
+    needing = {name for name, packages in extras if "torch>" in packages or "lpips" in packages}
+    assert needing == bootstrap.WITH_PYTORCH

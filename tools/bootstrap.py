@@ -36,6 +36,9 @@ OLDEST_PYTHON = (3, 10)
 # The version of pip to install if Python has none. Its hash is stated here rather than read from the index.
 PIP_WHEEL = "pip-26.3-py3-none-any.whl"
 PIP_SHA256 = "f3b60b20ffaadd4415ed7957212a38ac63fa4c5fa375bd0f4a797777940fad13"
+WITH_PYTORCH = {"gsplat", "lpips", "torch"}
+"""Extras that need PyTorch, which on Linux brings CUDA's libraries."""
+
 DEFAULT_INDEX = "https://pypi.org/simple"
 
 
@@ -51,7 +54,7 @@ def main(extras: list[str]) -> None:
     key = stamp_key(ROOT / "pyproject.toml")
     if is_current(STAMP, key, extras) and PYTHON.exists():
         return
-    print(f"Setting up {ENVIRONMENT.name}: the first time this downloads about 240 MB of packages", flush=True)
+    print(f"Setting up {ENVIRONMENT.name}: the first time this downloads {download_size(wanted)}", flush=True)
     if not PYTHON.exists():
         create_environment(ENVIRONMENT)
     bundle = certificate_bundle(ENVIRONMENT / "certificates.pem")
@@ -60,6 +63,13 @@ def main(extras: list[str]) -> None:
     project = f"{ROOT}[{','.join(wanted)}]" if wanted else str(ROOT)
     run_pip([PYTHON, "-m", "pip"], ["install", "--editable", project], bundle)
     STAMP.write_text(json.dumps({"key": key, "extras": wanted}), encoding="utf-8")
+
+
+def download_size(extras: list[str]) -> str:
+    """How much is downloaded, in words."""
+    if WITH_PYTORCH.isdisjoint(extras):
+        return "about 240 MB of packages"
+    return "several gigabytes of packages, most of them PyTorch's, which take 7 GB on the disk"
 
 
 def stamp_key(project_file: Path) -> str:
