@@ -99,7 +99,8 @@ def poses_hint(wrong: int, frames: int) -> tuple[str, ...]:
     """A hint if many of a capture's poses are wrong."""
     if wrong <= MANY * frames:
         return ()
-    return (f"{wrong} of {frames} poses were wrong: record again, slowly, with textured objects in view",)
+    remedy = "let pocketgs pose find them anew, or record again, slowly, with textured objects in view"
+    return (f"{wrong} of {frames} poses were wrong: {remedy}",)
 
 
 def nothing_found(capture: Capture, scale: Scale) -> str:
