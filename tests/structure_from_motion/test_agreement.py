@@ -78,6 +78,20 @@ def test_they_are_placed_anew(
             assert turn.angle() < 1e-3
 
 
+def test_images_of_which_none_agree_are_no_model(
+    scene: tuple[pycolmap.Reconstruction, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nor is a model without images."""
+    truth, database = scene
+    scattered, empty = truth, pycolmap.Reconstruction(truth)
+    for number in placed(truth)[1:]:
+        scattered = wrongly_joined(scattered, range(number, IMAGES + 1))
+    for number in placed(truth):
+        empty.deregister_frame(empty.images[number].frame_id)
+    monkeypatch.setitem(mapping.MAPPERS, "incremental", lambda *_: [scattered, empty])
+    assert agreeing_models(job(truth), database) == []
+
+
 def test_matches_that_joined_parts_are_forgotten(scene: tuple[pycolmap.Reconstruction, Path], tmp_path: Path) -> None:
     """Both before and after verification, whose counts must stay equal."""
     copy = shutil.copy(scene[1], tmp_path)

@@ -57,10 +57,14 @@ def agreeing_models(job: MappingJob, database: Path) -> list[Agreeing]:
 def _parts(models: list[pycolmap.Reconstruction], database: Path) -> list[tuple[pycolmap.Reconstruction, Split]]:
     """The largest part of each model, largest first."""
     with pycolmap.Database.open(database) as opened:
-        parts = [(model, split(model, opened)) for model in models]
-    # Where the camera only turned, COLMAP places images and then discards their points.
-    kept = [part for part in parts if part[0].num_reg_images() >= MIN_MODEL and part[0].num_points3D() >= MIN_POINTS]
+        parts = [(model, split(model, opened)) for model in models if _is_model(model)]
+    kept = [part for part in parts if _is_model(part[0])]
     return sorted(kept, key=lambda part: (part[0].num_reg_images(), part[0].num_points3D()), reverse=True)
+
+
+def _is_model(found: pycolmap.Reconstruction) -> bool:
+    """Whether enough is left: where the camera only turned, COLMAP places images and then discards their points."""
+    return found.num_reg_images() >= MIN_MODEL and found.num_points3D() >= MIN_POINTS
 
 
 def _map_incrementally(job: MappingJob, database: Path) -> list[pycolmap.Reconstruction]:
