@@ -11,9 +11,12 @@ import pytest
 from PIL import Image
 
 from pocketgs.capture import open_capture
+from pocketgs.capture.capture import Frame
+from pocketgs.capture.frame_edits import cut_out
 from pocketgs.capture.mask_file import read_mask
 from pocketgs.capture.masks import match
 from pocketgs.errors import PocketGSError
+from pocketgs.geometry.camera import Camera
 
 MASK = np.zeros((12, 16), np.uint8)
 MASK[:, 4:] = 255
@@ -97,6 +100,16 @@ def test_cut_out_photographs_keep_their_own_alpha(write_transforms):
     Image.fromarray(np.dstack([np.asarray(Image.open(first).convert("RGB")), opacity])).save(first)
     found = open_capture(capture, outside_masks="empty", hold_out_every=0).train[0]
     np.testing.assert_array_equal(found.alpha, np.where(MASK > 0, opacity, 0))
+
+
+def test_photographs_are_cut_out_in_place():
+    """A second copy of all photographs would not fit where one just does."""
+    camera = Camera(4, 2, 4.0, 4.0, 2.0, 1.0, np.eye(4))
+    frame = Frame("view", camera, np.full((2, 4, 3), 7, np.uint8), mask=np.eye(2, 4, dtype=bool))
+    found = cut_out(frame, (0.0, 0.0, 0.0))
+    assert found.image is frame.image
+    frame.image.setflags(write=False)
+    np.testing.assert_array_equal(cut_out(frame, (0.0, 0.0, 0.0)).image, found.image)
 
 
 def test_masks_of_a_capture_given_by_its_file(write_transforms, tmp_path, monkeypatch):

@@ -117,3 +117,14 @@ def test_photographs_without_masks_are_not_cut_out(pocketgs: Callable, tmp_path:
     done = pocketgs("train", tmp_path, "--output", tmp_path / "out", "--outside-masks", "empty")
     assert done.status != 0
     assert "has no masks, outside which it could be empty" in done.errors
+
+
+@pytest.mark.usefixtures("no_poses")
+@pytest.mark.parametrize("masks", ["found", "none"])
+def test_a_video_without_masks_is_not_cut_out(pocketgs: Callable, tmp_path: Path, masks: str) -> None:
+    """Its frames can only have those that are named, or were put beside an earlier run's."""
+    (tmp_path / "room.mp4").touch()
+    options = ["--output", tmp_path / "out", "--outside-masks", "empty", "--masks", masks]
+    done = pocketgs("train", tmp_path / "room.mp4", *options)
+    assert done.status != 0
+    assert "has no masks, outside which it could be empty" in done.errors

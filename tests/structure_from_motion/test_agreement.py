@@ -52,7 +52,7 @@ def placed(model: pycolmap.Reconstruction) -> list[int]:
 def test_a_right_model_stays_whole(scene: tuple[pycolmap.Reconstruction, Path]) -> None:
     model = pycolmap.Reconstruction(scene[0])
     with pycolmap.Database.open(scene[1]) as database:
-        assert split(model, database) == ([], [])
+        assert split(model, database, True) == ([], [])
     assert len(placed(model)) == IMAGES
     assert model.num_points3D() == scene[0].num_points3D()
 
@@ -60,9 +60,31 @@ def test_a_right_model_stays_whole(scene: tuple[pycolmap.Reconstruction, Path]) 
 def test_images_that_contradict_the_others_lose_their_poses(scene: tuple[pycolmap.Reconstruction, Path]) -> None:
     model = wrongly_joined(scene[0], APART)
     with pycolmap.Database.open(scene[1]) as database:
-        found = split(model, database)
+        found = split(model, database, True)
     assert found.parts == [len(APART)]
     assert placed(model) == [number for number in placed(scene[0]) if number not in APART]
+
+
+@pytest.mark.parametrize("refine_lenses", [True, False])
+def test_lenses_stay_as_stated_if_asked(scene: tuple[pycolmap.Reconstruction, Path], refine_lenses: bool) -> None:
+    model = wrongly_joined(scene[0], APART)
+    camera = next(iter(model.cameras.values()))
+    camera.params = [1300.0, *camera.params[1:]]
+    with pycolmap.Database.open(scene[1]) as database:
+        split(model, database, refine_lenses)
+    assert (next(iter(model.cameras.values())).params[0] == 1300.0) != refine_lenses
+
+
+def test_a_part_that_joined_is_no_other_model(
+    scene: tuple[pycolmap.Reconstruction, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    truth, database = scene
+    part = pycolmap.Reconstruction(truth)
+    for number in placed(truth):
+        if number not in APART:
+            part.deregister_frame(part.images[number].frame_id)
+    monkeypatch.setitem(mapping.MAPPERS, "incremental", lambda *_: [wrongly_joined(truth, APART), part])
+    assert len(agreeing_models(job(truth), database)) == 1
 
 
 def test_they_are_placed_anew(
@@ -114,6 +136,7 @@ def job(model: pycolmap.Reconstruction) -> MappingJob:
         "cameras": [{"images": images}],
         "least_matches": 15,
         "mapper": "incremental",
+        "refine_lenses": True,
         "go_on": False,
         "better_than": 0,
         "seed": 0,

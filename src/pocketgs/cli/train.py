@@ -84,8 +84,8 @@ def _listed(
     console.say(f"{capture} has no poses: structure from motion finds them and keeps them in {found}")
     # Masks have the names of photographs; a video's frames get theirs only now.
     masks = FOUND if is_video(capture) else reading.masks
-    if reading.outside_masks == "empty" and not is_video(capture):
-        require(capture, bool(source_masks(capture, masks)))
+    if reading.outside_masks == "empty":
+        require(capture, _may_have_masks(capture, found, reading.masks))
     made = posed(
         capture,
         found,
@@ -97,3 +97,10 @@ def _listed(
     # Named masks have been copied to the capture, and still are masks that must not be ignored.
     are_copied = masks not in (FOUND, NONE)
     return (replace(reading, masks=MASKS) if are_copied else reading).listed(made)
+
+
+def _may_have_masks(capture: Path, made: Path, masks: str) -> bool:
+    """Whether photographs, or a video's frames that are yet to be chosen, can have masks."""
+    if not is_video(capture):
+        return bool(source_masks(capture, masks))
+    return masks not in (FOUND, NONE) or (masks == FOUND and (made / MASKS).is_dir())

@@ -36,7 +36,7 @@ class Split(NamedTuple):
     joints: list[tuple[int, int]]
 
 
-def split(model: pycolmap.Reconstruction, database: pycolmap.Database) -> Split:
+def split(model: pycolmap.Reconstruction, database: pycolmap.Database, refine_lenses: bool) -> Split:
     """Keep the largest part of a model whose verified matches agree with its poses.
 
     The rest loses its poses, and bundle adjustment is repeated without it.
@@ -44,6 +44,7 @@ def split(model: pycolmap.Reconstruction, database: pycolmap.Database) -> Split:
     Args:
         model: changed.
         database: with the images' features and verified matches.
+        refine_lenses: whether bundle adjustment may change lenses.
     """
     images = sorted(number for number, image in model.images.items() if image.has_pose)
     total, fit = _matches(model, database, images)
@@ -56,6 +57,7 @@ def split(model: pycolmap.Reconstruction, database: pycolmap.Database) -> Split:
         model.deregister_frame(model.images[number].frame_id)
     options = pycolmap.BundleAdjustmentOptions()
     options.print_summary = False
+    options.refine_focal_length = options.refine_extra_params = refine_lenses
     options.ceres.solver_options.num_threads = 1
     pycolmap.bundle_adjustment(model, options)
     pycolmap.ObservationManager(model).filter_all_points3D(MAX_ERROR, MIN_ANGLE)

@@ -40,24 +40,32 @@ def agreeing_models(job: MappingJob, database: Path) -> list[Agreeing]:
     The largest model goes on without the matches that joined it to the other parts, whose images may find another place
     by the matches that remain.
     """
-    parts = _parts(MAPPERS[job["mapper"]](job, database), database)
+    parts = _parts(MAPPERS[job["mapper"]](job, database), job, database)
     if not parts:
         return []
     largest, rest = parts[0]
     while rest.parts:
         with pycolmap.Database.open(database) as opened:
             forget(rest.joints, opened)
-        found = _parts(_go_on_from(largest, job, database), database)
+        found = _parts(_go_on_from(largest, job, database), job, database)
         if not found or found[0][0].num_reg_images() <= largest.num_reg_images():
             break
         largest, rest = found[0]
-    return [Agreeing(model, rest.parts) for model, rest in [(largest, rest), *parts[1:]]]
+    others = [part for part in parts[1:] if not _images(part[0]) <= _images(largest)]
+    return [Agreeing(model, rest.parts) for model, rest in [(largest, rest), *others]]
 
 
-def _parts(models: list[pycolmap.Reconstruction], database: Path) -> list[tuple[pycolmap.Reconstruction, Split]]:
+def _images(model: pycolmap.Reconstruction) -> set[int]:
+    """The numbers of the images with a pose."""
+    return {number for number, image in model.images.items() if image.has_pose}
+
+
+def _parts(
+    models: list[pycolmap.Reconstruction], job: MappingJob, database: Path
+) -> list[tuple[pycolmap.Reconstruction, Split]]:
     """The largest part of each model, largest first."""
     with pycolmap.Database.open(database) as opened:
-        parts = [(model, split(model, opened)) for model in models if _is_model(model)]
+        parts = [(model, split(model, opened, job["refine_lenses"])) for model in models if _is_model(model)]
     kept = [part for part in parts if _is_model(part[0])]
     return sorted(kept, key=lambda part: (part[0].num_reg_images(), part[0].num_points3D()), reverse=True)
 
@@ -95,6 +103,7 @@ def _incremental_options(job: MappingJob) -> pycolmap.IncrementalPipelineOptions
     options.extract_colors = False
     options.min_num_matches = job["least_matches"]
     options.mapper.abs_pose_min_num_inliers = 2 * job["least_matches"]
+    options.ba_refine_focal_length = options.ba_refine_extra_params = job["refine_lenses"]
     options.multiple_models = False
     return options
 
