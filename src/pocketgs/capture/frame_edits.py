@@ -35,16 +35,13 @@ def undistorted(frame: Frame, lens: Lens) -> Frame:
 
 
 def cut_out(frame: Frame, background: Background) -> Frame:
-    """The frame with its mask as alpha, on a background; the frame itself if it has no mask.
-
-    Its image is changed in place, if it can be: photographs fill most of the memory.
-    """
+    """The frame with its mask as alpha too, on a background; the frame itself if it has no mask."""
     if frame.mask is None:
         return frame
-    image = frame.image if frame.image.flags.writeable else frame.image.copy()
-    image[~frame.mask] = np.rint(np.array(background) * 255)
+    colour = np.rint(np.array(background) * 255).astype(np.uint8)
     alpha = np.full(frame.mask.shape, 255, np.uint8) if frame.alpha is None else frame.alpha
-    return replace(frame, image=image, alpha=np.where(frame.mask, alpha, np.uint8(0)), mask=None)
+    image = np.where(frame.mask[..., None], frame.image, colour)
+    return replace(frame, image=image, alpha=np.where(frame.mask, alpha, np.uint8(0)))
 
 
 def downscaled(frame: Frame, downscale: float, max_size: int | None) -> Frame:

@@ -12,7 +12,7 @@ from pocketgs.capture.frame_edits import cut_out, size_after
 from pocketgs.capture.image_file import ImageHeader, UndecodableImageError
 from pocketgs.capture.left_out import damaged_warning, depth_warnings, mask_warnings, masked_out_warning
 from pocketgs.capture.listing import FrameSource, Listing
-from pocketgs.capture.loading import MAX_READERS, Preparation, camera_of_size, header_of, load_frames
+from pocketgs.capture.loading import MAX_READERS, Preparation, camera_of_size, header_of, map_frames
 from pocketgs.capture.masks import OutsideMasks
 from pocketgs.capture.outline import Outline, Size
 from pocketgs.capture.plain_background import plain_background
@@ -112,8 +112,12 @@ class ListedCapture:
         """
         preparation, readers = self._prepared(shrink), min(readers, self._readers(shrink))
         damaged = dict(self._headers_and_damaged[1])
-        loaded = load_frames(
-            self._sources, preparation, readers, lambda source, error: damaged.__setitem__(source.name, error)
+        loaded = map_frames(
+            self._sources,
+            preparation,
+            self._finished,
+            readers,
+            lambda source, error: damaged.__setitem__(source.name, error),
         )
         frames = [frame for frame in loaded if frame.mask is None or frame.mask.any()]
         warnings = self.listing.warnings + damaged_warning(damaged, len(self.listing.frames))
@@ -126,7 +130,7 @@ class ListedCapture:
             preparation = replace(preparation, background=plain_background(train) or preparation.background)
         warnings += mask_warnings(sources, loaded, preparation.folder)
         if self.outside_masks == "empty":
-            frames = [cut_out(frame, preparation.background) for frame in frames]
+            frames = [replace(frame, mask=None) for frame in frames]  # they are alpha now
         return Capture(
             name=self.name,
             path=self.path,
@@ -147,6 +151,10 @@ class ListedCapture:
             warnings=warnings + depth_warnings(sources, loaded, preparation.folder),
             photographs=StoredPhotographs(sources, self._of_pinholes, readers) if _may_read_again(shrink) else None,
         )
+
+    def _finished(self, frame: Frame) -> Frame:
+        """A frame as soon as it is loaded, while no other needs the memory for a copy."""
+        return cut_out(frame, self.preparation.background) if self.outside_masks == "empty" else frame
 
     @property
     def _headers(self) -> dict[str, ImageHeader]:

@@ -64,26 +64,6 @@ OnDamaged = Callable[[FrameSource, UndecodableImageError], None]
 """Called for a photograph that cannot be decoded, and is left out."""
 
 
-def load_frames(
-    sources: Sequence[FrameSource],
-    preparation: Preparation,
-    readers: int = MAX_READERS,
-    on_damaged: OnDamaged | None = None,
-) -> list[Frame]:
-    """Load frames in parallel, in order. At most `readers` full-size images are in memory at any time.
-
-    Args:
-        sources: the frames as listed.
-        preparation: how images are prepared.
-        readers: maximum number of images to read at the same time.
-        on_damaged: see `OnDamaged`; None to raise the error.
-
-    Raises:
-        PocketGSError: as `load_frame`, for the first frame that fails.
-    """
-    return map_frames(sources, preparation, lambda frame: frame, readers, on_damaged)
-
-
 def map_frames(
     sources: Sequence[FrameSource],
     preparation: Preparation,
@@ -91,9 +71,16 @@ def map_frames(
     readers: int = MAX_READERS,
     on_damaged: OnDamaged | None = None,
 ) -> list[Result]:
-    """Apply `look` to every frame, in parallel, and return the results in order. Frames are not kept.
+    """Apply `look` to every frame, in parallel, and return the results in order. Frames themselves are not kept.
 
-    Arguments as for `load_frames`.
+    At most `readers` full-size images are in memory at any time.
+
+    Args:
+        sources: the frames as listed.
+        preparation: how images are prepared.
+        look: applied to each frame as soon as it is loaded, by several threads.
+        readers: maximum number of images to read at the same time.
+        on_damaged: see `OnDamaged`; None to raise the error.
 
     Raises:
         PocketGSError: as `load_frame`, for the first frame that fails.
