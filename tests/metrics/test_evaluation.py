@@ -133,15 +133,15 @@ def test_colours_are_fitted_within_the_mask(photo: np.ndarray) -> None:
 
 def test_colour_correction_leaves_the_background_of_an_object_alone(photo: np.ndarray) -> None:
     """Black is clipped, so nothing would keep a fit from tinting it."""
-    opaque = np.zeros(photo.shape[:2], dtype=bool)
-    opaque[30:90, 40:150] = True
-    cut = np.where(opaque[..., None], photo, np.float32(0.0))
+    visible = np.zeros(photo.shape[:2], dtype=bool)
+    visible[30:90, 40:150] = True
+    cut = np.where(visible[..., None], photo, np.float32(0.0))
     darker = np.clip(0.9 * cut - 0.05, 0, 1)
     assert cc_psnr(darker, cut) < 30
-    assert cc_psnr(darker, cut, None, opaque) > 40
-    tinted = np.where(opaque[..., None], cut, np.float32(0.1))
-    assert cc_psnr(tinted, cut, None, opaque) == pytest.approx(psnr(tinted, cut), abs=1e-3)
-    assert cc_psnr(tinted, cut, opaque, opaque) > 60
+    assert cc_psnr(darker, cut, None, visible) > 40
+    tinted = np.where(visible[..., None], cut, np.float32(0.1))
+    assert cc_psnr(tinted, cut, None, visible) == pytest.approx(psnr(tinted, cut), abs=1e-3)
+    assert cc_psnr(tinted, cut, visible, visible) > 60
 
 
 def test_flip_grows_with_the_error(photo: np.ndarray) -> None:

@@ -60,6 +60,11 @@ class Frame:
             )
 
     @property
+    def visible(self) -> np.ndarray | None:
+        """(H, W) bool: pixels with alpha above 0, which show more than the background, or None for all."""
+        return None if self.alpha is None else self.alpha > 0
+
+    @property
     def usable(self) -> np.ndarray | None:
         """(H, W) bool: pixels with alpha of one half or more that the mask does not exclude, or None for all."""
         parts = [part for part in (self.mask, None if self.alpha is None else self.alpha >= 128) if part is not None]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass, replace
+from itertools import starmap
 from typing import NamedTuple
 
 import cv2
@@ -29,14 +30,14 @@ class Pair(NamedTuple):
         rendered: (H, W, 3) float RGB; it is clipped to [0, 1], as on a screen.
         photo: (H, W, 3) float RGB in [0, 1].
         mask: (H, W) bool, True for pixels that count, or None for all.
-        opaque: (H, W) bool, True for pixels that show more than the background, or None for all.
+        visible: (H, W) bool, True for pixels that show more than the background, or None for all.
     """
 
     name: str
     rendered: np.ndarray
     photo: np.ndarray
     mask: np.ndarray | None = None
-    opaque: np.ndarray | None = None
+    visible: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -113,11 +114,12 @@ def _mean_of_known(values: Iterable[float | None]) -> float | None:
     return float(np.mean(known)) if known else None
 
 
-def evaluate(pairs: Iterable[Pair], with_lpips: bool = True) -> Evaluation:
+def evaluate(pairs: Iterable[Pair | tuple], with_lpips: bool = True) -> Evaluation:
     """Compare renderings with photographs.
 
     Args:
-        pairs: consumed one at a time, so a generator may render them.
+        pairs: each a `Pair`, or a tuple of its first three to five attributes. Consumed one at a time, so a generator
+            may render them.
         with_lpips: whether to add LPIPS if its package and weights are available. If not, `Evaluation.lpips_note` says
             why; it is not an error.
 
@@ -126,7 +128,7 @@ def evaluate(pairs: Iterable[Pair], with_lpips: bool = True) -> Evaluation:
     """
     perceptual, note = Lpips.load() if with_lpips else (None, None)
     images = []
-    for name, rendered, photo, mask, opaque in pairs:
+    for name, rendered, photo, mask, visible in starmap(Pair, pairs):
         try:
             _check(rendered, photo, mask)
             rendered = np.clip(rendered, 0.0, 1.0)
@@ -134,7 +136,7 @@ def evaluate(pairs: Iterable[Pair], with_lpips: bool = True) -> Evaluation:
                 name,
                 psnr(rendered, photo, mask),
                 ssim(rendered, photo, mask),
-                cc_psnr(rendered, photo, mask, opaque),
+                cc_psnr(rendered, photo, mask, visible),
                 flip(rendered, photo, mask),
             )
         except PocketGSError as error:
@@ -175,7 +177,7 @@ def squared_error(rendered: np.ndarray, photo: np.ndarray, mask: np.ndarray | No
 
 
 def cc_psnr(
-    rendered: np.ndarray, photo: np.ndarray, mask: np.ndarray | None = None, opaque: np.ndarray | None = None
+    rendered: np.ndarray, photo: np.ndarray, mask: np.ndarray | None = None, visible: np.ndarray | None = None
 ) -> float:
     """PSNR of a rendering whose colours have been fitted to the photograph's; see `colour_correction`.
 
@@ -185,17 +187,17 @@ def cc_psnr(
         rendered: (H, W, 3) float RGB in [0, 1].
         photo: (H, W, 3) float RGB in [0, 1].
         mask: (H, W) bool, True where pixels count, or None for all.
-        opaque: (H, W) bool, True for pixels that show more than the background, or None for all.
+        visible: (H, W) bool, True for pixels that show more than the background, or None for all.
 
     Raises:
         PocketGSError: shapes or types disagree, the mask is empty, a number is not finite, or a photograph's is outside
             [0, 1].
     """
     _check(rendered, photo, mask)
-    if opaque is None:
+    if visible is None:
         return psnr(colour_corrected(rendered, photo, mask), photo, mask)
-    corrected = colour_corrected(rendered, photo, opaque if mask is None else opaque & mask)
-    return psnr(np.where(opaque[..., None], corrected, rendered), photo, mask)
+    corrected = colour_corrected(rendered, photo, visible if mask is None else visible & mask)
+    return psnr(np.where(visible[..., None], corrected, rendered), photo, mask)
 
 
 def ssim(rendered: np.ndarray, photo: np.ndarray, mask: np.ndarray | None = None) -> float:

@@ -52,6 +52,6 @@ def evaluate_held_out(renderer: Renderer, capture: Capture, pictures: Path | Non
             if pictures:
                 write_side_by_side(pictures, name, frame.image, rendered)
             photo = (frame.image / np.float32(255.0)).astype(np.float32)
-            yield Pair(frame.name, rendered, photo, frame.mask, None if frame.alpha is None else frame.alpha > 0)
+            yield Pair(frame.name, rendered, photo, frame.mask, frame.visible)
 
     return evaluate(pairs())
