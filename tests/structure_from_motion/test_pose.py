@@ -406,6 +406,28 @@ def test_attempts(
     assert any("the camera hardly moved" in warning for warning in warnings) == warned
 
 
+@pytest.mark.parametrize(("contradicted", "tries"), [(0, 3), (2, 1)])
+def test_more_matches_are_not_sought_for_photographs_that_theirs_contradict(
+    photographs: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    colmap_outcome: dict[str, Any],
+    contradicted: int,
+    tries: int,
+) -> None:
+    """They have enough, of which some are wrong."""
+    colmap_outcome.update(placed=NAMES[:2], contradicted=contradicted, parallax_pairs=6)
+    made, jobs = attempts.run_colmap, []
+
+    def run(module: str, job: dict[str, Any], *others: Any) -> dict[str, Any]:
+        jobs.append(job["mapper"])
+        return made(module, job, *others)
+
+    monkeypatch.setattr("pocketgs.structure_from_motion.attempts.run_colmap", run)
+    assert pose(photographs, tmp_path / "output").registered == 2
+    assert len(jobs) == tries
+
+
 def test_unplaced_photographs_are_retried_however_many(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, colmap_outcome: dict[str, Any]
 ) -> None:
