@@ -120,7 +120,7 @@ def test_too_small_a_budget_is_refused_before_anything_is_decoded(
     def fail(*_: object, **__: object) -> None:
         raise AssertionError("work has begun")
 
-    monkeypatch.setattr("pocketgs.capture.listed.map_frames", fail)
+    monkeypatch.setattr("pocketgs.capture.listed.load_frames", fail)
     monkeypatch.setattr("pocketgs.results.run.prepare", fail)
     with pytest.raises(PocketGSError, match=refusal):
         run(lambda: list_capture(written_capture), tmp_path / "out", TrainingOptions(engine="cpu", **budget))

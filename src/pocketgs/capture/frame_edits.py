@@ -11,7 +11,6 @@ from pocketgs.capture.capture import Frame
 from pocketgs.capture.undistortion import undistortion
 from pocketgs.errors import PocketGSError
 from pocketgs.geometry.lens import Lens
-from pocketgs.scene.background import Background
 
 
 def undistorted(frame: Frame, lens: Lens) -> Frame:
@@ -32,16 +31,6 @@ def undistorted(frame: Frame, lens: Lens) -> Frame:
         mask=None if frame.mask is None else undoing.apply(frame.mask.astype(np.uint8), cv2.INTER_NEAREST) > 0,
         depth=None if frame.depth is None else undoing.apply(frame.depth, cv2.INTER_NEAREST),
     )
-
-
-def cut_out(frame: Frame, background: Background) -> Frame:
-    """The frame with its mask as alpha too, on a background; the frame itself if it has no mask."""
-    if frame.mask is None:
-        return frame
-    colour = np.rint(np.array(background) * 255).astype(np.uint8)
-    alpha = np.full(frame.mask.shape, 255, np.uint8) if frame.alpha is None else frame.alpha
-    image = np.where(frame.mask[..., None], frame.image, colour)
-    return replace(frame, image=image, alpha=np.where(frame.mask, alpha, np.uint8(0)))
 
 
 def downscaled(frame: Frame, downscale: float, max_size: int | None) -> Frame:

@@ -8,12 +8,11 @@ from functools import cached_property
 from pathlib import Path
 
 from pocketgs.capture.capture import Capture, Frame
-from pocketgs.capture.frame_edits import cut_out, size_after
+from pocketgs.capture.frame_edits import size_after
 from pocketgs.capture.image_file import ImageHeader, UndecodableImageError
 from pocketgs.capture.left_out import damaged_warning, depth_warnings, mask_warnings, masked_out_warning
 from pocketgs.capture.listing import FrameSource, Listing
-from pocketgs.capture.loading import MAX_READERS, Preparation, camera_of_size, header_of, map_frames
-from pocketgs.capture.masks import OutsideMasks
+from pocketgs.capture.loading import MAX_READERS, Preparation, camera_of_size, header_of, load_frames
 from pocketgs.capture.outline import Outline, Size
 from pocketgs.capture.plain_background import plain_background
 from pocketgs.capture.stored_photographs import StoredPhotographs
@@ -38,7 +37,6 @@ class ListedCapture:
         preparation: applied to every image.
         size_is_given: whether the user chose the image size.
         background_is_given: whether the user chose the background.
-        outside_masks: "empty" to make alpha of masks.
     """
 
     name: str
@@ -49,7 +47,6 @@ class ListedCapture:
     preparation: Preparation
     size_is_given: bool = False
     background_is_given: bool = False
-    outside_masks: OutsideMasks = "unknown"
 
     def outline(self, shrink: int = 1) -> Outline:
         """Image sizes, from the photographs' headers.
@@ -85,7 +82,7 @@ class ListedCapture:
             undone_pixels=max((width * height for width, height in undone.values()), default=0),
             lenses=len({self._undoing_of(source) for source in self._sources if source.name in undone}),
             pixel_bytes=max(_pixel_bytes(source, headers[source.name]) for source in self._sources),
-            has_alpha=any(header.has_alpha for header in headers.values()) or self.outside_masks == "empty",
+            has_alpha=any(header.has_alpha for header in headers.values()) or self._cuts_out,
             read_again=_may_read_again(shrink),
         )
 
@@ -112,49 +109,43 @@ class ListedCapture:
         """
         preparation, readers = self._prepared(shrink), min(readers, self._readers(shrink))
         damaged = dict(self._headers_and_damaged[1])
-        loaded = map_frames(
-            self._sources,
-            preparation,
-            self._finished,
-            readers,
-            lambda source, error: damaged.__setitem__(source.name, error),
+        loaded = load_frames(
+            self._sources, preparation, readers, lambda source, error: damaged.__setitem__(source.name, error)
         )
         frames = [frame for frame in loaded if frame.mask is None or frame.mask.any()]
         warnings = self.listing.warnings + damaged_warning(damaged, len(self.listing.frames))
         warnings += masked_out_warning(loaded, frames)
         sources = [source for source in self._sources if source.name not in damaged]
+        if self._cuts_out:
+            frames = [replace(frame, mask=None) for frame in frames]  # they are alpha now
         if all(frame.name in self.held_out_names for frame in frames):
             raise PocketGSError(f"{self.path}: {warnings[-1]}; no frame is left to train on")
         train = [frame for frame in frames if frame.name not in self.held_out_names]
         if not self.background_is_given:
             preparation = replace(preparation, background=plain_background(train) or preparation.background)
-        warnings += mask_warnings(sources, loaded, preparation.folder)
-        if self.outside_masks == "empty":
-            frames = [replace(frame, mask=None) for frame in frames]  # they are alpha now
         return Capture(
             name=self.name,
             path=self.path,
             format=self.listing.format,
-            train=[frame for frame in frames if frame.name not in self.held_out_names],
+            train=train,
             held_out=[frame for frame in frames if frame.name in self.held_out_names],
             points=self.listing.points,
             background=preparation.background,
             metric=self.listing.metric,
             origin=self.listing.origin,
             protocol=", ".join(
-                [
-                    describe_images(sources, frames, preparation, self._is_reduced(preparation)),
-                    *(["cut out by masks"] if self.outside_masks == "empty" else []),
-                    self.split,
-                ]
+                [describe_images(sources, frames, preparation, self._is_reduced(preparation)), self.split]
             ),
-            warnings=warnings + depth_warnings(sources, loaded, preparation.folder),
+            warnings=warnings
+            + mask_warnings(sources, loaded, preparation.folder)
+            + depth_warnings(sources, loaded, preparation.folder),
             photographs=StoredPhotographs(sources, self._of_pinholes, readers) if _may_read_again(shrink) else None,
         )
 
-    def _finished(self, frame: Frame) -> Frame:
-        """A frame as soon as it is loaded, while no other needs the memory for a copy."""
-        return cut_out(frame, self.preparation.background) if self.outside_masks == "empty" else frame
+    @property
+    def _cuts_out(self) -> bool:
+        """Whether masks become alpha."""
+        return self.preparation.outside_masks == "empty"
 
     @property
     def _headers(self) -> dict[str, ImageHeader]:
@@ -234,8 +225,12 @@ class ListedCapture:
 
     @property
     def _of_pinholes(self) -> Preparation:
-        """How photographs are prepared when the geometry prior looks at them again: it knows no lens."""
-        return replace(self.preparation, lens="undistort") if self.preparation.lens == "direct" else self.preparation
+        """How photographs are prepared when the geometry prior looks at them again: it knows no lens.
+
+        They are not cut out, which would make features of the masks' edges.
+        """
+        whole = replace(self.preparation, outside_masks="unknown")
+        return replace(whole, lens="undistort") if whole.lens == "direct" else whole
 
     def _prepared(self, shrink: int) -> Preparation:
         most = self.preparation.max_size
@@ -269,6 +264,8 @@ def describe_images(sources: list[FrameSource], frames: list[Frame], preparation
         words = ["as published (distorted)", size]
     if preparation.background != BLACK or any(frame.alpha is not None for frame in frames):
         words.append(f"on {_colour_name(preparation.background)}")
+    if preparation.outside_masks == "empty":
+        words.append("cut out by masks")
     masked = sum(frame.mask is not None for frame in frames)
     if masked:
         words.append("masked" if masked == len(frames) else f"{masked} of {len(frames)} masked")

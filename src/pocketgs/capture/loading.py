@@ -17,6 +17,7 @@ from pocketgs.capture.frame_edits import cropped, downscaled, nearest, undistort
 from pocketgs.capture.image_file import ImageHeader, UndecodableImageError, read_colour, read_header
 from pocketgs.capture.listing import FrameSource
 from pocketgs.capture.mask_file import read_mask
+from pocketgs.capture.masks import OutsideMasks
 from pocketgs.capture.undistortion import forget_undistortions
 from pocketgs.capture.video_file import VideoFrame, read_frames
 from pocketgs.errors import PocketGSError
@@ -50,6 +51,7 @@ class Preparation:
         max_size: maximum of the longer side in pixels, or None.
         folder: that all files must lie in, see `reading_inside`; None for no restriction.
         masks: folder of masks that the user named, which may lie elsewhere, or None.
+        outside_masks: "empty" to make alpha of masks too.
     """
 
     background: Background = BLACK
@@ -58,10 +60,31 @@ class Preparation:
     max_size: int | None = None
     folder: Path | None = None
     masks: Path | None = None
+    outside_masks: OutsideMasks = "unknown"
 
 
 OnDamaged = Callable[[FrameSource, UndecodableImageError], None]
 """Called for a photograph that cannot be decoded, and is left out."""
+
+
+def load_frames(
+    sources: Sequence[FrameSource],
+    preparation: Preparation,
+    readers: int = MAX_READERS,
+    on_damaged: OnDamaged | None = None,
+) -> list[Frame]:
+    """Load frames in parallel, in order. At most `readers` full-size images are in memory at any time.
+
+    Args:
+        sources: the frames as listed.
+        preparation: how images are prepared.
+        readers: maximum number of images to read at the same time.
+        on_damaged: see `OnDamaged`; None to raise the error.
+
+    Raises:
+        PocketGSError: as `load_frame`, for the first frame that fails.
+    """
+    return map_frames(sources, preparation, lambda frame: frame, readers, on_damaged)
 
 
 def map_frames(
@@ -71,16 +94,9 @@ def map_frames(
     readers: int = MAX_READERS,
     on_damaged: OnDamaged | None = None,
 ) -> list[Result]:
-    """Apply `look` to every frame, in parallel, and return the results in order. Frames themselves are not kept.
+    """Apply `look` to every frame, in parallel, and return the results in order. Frames are not kept.
 
-    At most `readers` full-size images are in memory at any time.
-
-    Args:
-        sources: the frames as listed.
-        preparation: how images are prepared.
-        look: applied to each frame as soon as it is loaded, by several threads.
-        readers: maximum number of images to read at the same time.
-        on_damaged: see `OnDamaged`; None to raise the error.
+    Arguments as for `load_frames`.
 
     Raises:
         PocketGSError: as `load_frame`, for the first frame that fails.
@@ -181,9 +197,21 @@ def prepared(source: FrameSource, colours: np.ndarray, alpha: np.ndarray | None,
         if source.border:
             width, height = frame.camera.width - 2 * source.border, frame.camera.height - 2 * source.border
             frame = cropped(frame, source.border, source.border, width, height)
-        return downscaled(frame, preparation.downscale, preparation.max_size)
+        frame = downscaled(frame, preparation.downscale, preparation.max_size)
     except PocketGSError as error:
         raise PocketGSError(f"{source.image}: {error}") from error
+    return _cut_out(frame, preparation.background) if preparation.outside_masks == "empty" else frame
+
+
+def _cut_out(frame: Frame, background: Background) -> Frame:
+    """The frame with its mask as alpha too, on a background; the frame itself if it has no mask."""
+    if frame.mask is None:
+        return frame
+    # Not composited: a mask is all or nothing, and that would take several times the memory.
+    colour = np.rint(np.array(background) * 255).astype(np.uint8)
+    opacity = np.uint8(255) if frame.alpha is None else frame.alpha
+    image = np.where(frame.mask[..., None], frame.image, colour)
+    return replace(frame, image=image, alpha=np.where(frame.mask, opacity, np.uint8(0)))
 
 
 def _depth_of_size(source: FrameSource, width: int, height: int) -> np.ndarray | None:

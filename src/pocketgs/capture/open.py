@@ -137,6 +137,7 @@ def list_capture(
         max_size,
         folder=folder_of(path),
         masks=masks_of.named_folder(folder, masks),
+        outside_masks=outside_masks,
     )
     return ListedCapture(
         capture_name(path),
@@ -147,7 +148,6 @@ def list_capture(
         preparation,
         size_is_given=downscale is not None,
         background_is_given=background is not None,
-        outside_masks=outside_masks,
     )
 
 
