@@ -87,4 +87,5 @@ def _unregistered(files: Sequence[Path | None]) -> tuple[str, ...]:
     present = sum(len(list_images(folder)) for folder in {file.parent for file in registered})
     if 2 * len(registered) >= present:
         return ()
-    return (f"only {len(registered)} of {present} images have a pose in the COLMAP model",)
+    found = f"only {len(registered)} of {present} images have a pose in the COLMAP model"
+    return (f"{found}: let pocketgs pose find all anew",)

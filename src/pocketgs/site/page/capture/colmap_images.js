@@ -89,5 +89,5 @@ function unregisteredWarning(files, tree) {
     const folders = [...new Set(registered.map(({ path }) => folderOf(path)))];
     const present = folders.flatMap((folder) => tree.pathsIn(folder, isImage)).length;
     const found = `only ${registered.length} of ${present} images have a pose in the COLMAP model`;
-    return 2 * registered.length < present ? [found] : [];
+    return 2 * registered.length < present ? [`${found}: let pocketgs pose find all anew`] : [];
 }
