@@ -17,8 +17,11 @@ from cli.conftest import Outcome
 from pocketgs import Gaussians
 from pocketgs.capture import list_capture
 from pocketgs.capture.capture import Frame
+from pocketgs.cli.run_result import print_evaluation
 from pocketgs.cli.scene_file import capture_of
+from pocketgs.cli.terminal import Terminal
 from pocketgs.errors import PocketGSError
+from pocketgs.metrics.evaluation import Evaluation, ImageMetrics
 from pocketgs.results.reporter import Reporter
 from pocketgs.results.run import run
 from pocketgs.system.process import peak_rss_mb
@@ -103,6 +106,14 @@ def test_eval_gives_the_figures_of_the_run(
     pictures = [folder / "images_0000.png" for folder in (tmp_path / "pictures", result / "held_out")]
     assert pictures[0].read_bytes() == pictures[1].read_bytes()
     assert names_in(tmp_path / "pictures") == ["images_0000.png"]
+
+
+def test_views_are_listed_by_name(capsys: pytest.CaptureFixture[str]) -> None:
+    """COLMAP models list images as they were registered."""
+    names = ["10.png", "b/3.png", "9.png", "a 2 b.png", "", "b/20.png", "a 10.png", "b/"]
+    print_evaluation(Terminal(), Evaluation([ImageMetrics(name, 20.0, 0.5, 20.0) for name in names]))
+    shown = [line.split("│")[1].strip() for line in capsys.readouterr().out.splitlines() if "│" in line]
+    assert shown[:-1] == ["", "9.png", "10.png", "a 2 b.png", "a 10.png", "b/", "b/3.png", "b/20.png"]
 
 
 def test_eval_of_other_pixels_gives_other_figures(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection
 from dataclasses import dataclass
 
@@ -72,7 +73,7 @@ COLUMNS = (
 
 
 def print_evaluation(console: Terminal, evaluation: Evaluation, apart: Collection[str] = ()) -> None:
-    """Print a table of metrics per image, with means.
+    """Print a table of metrics per image by name, with means.
 
     Args:
         console: to print on.
@@ -81,7 +82,7 @@ def print_evaluation(console: Terminal, evaluation: Evaluation, apart: Collectio
     """
     columns = [column for column in COLUMNS if getattr(evaluation, column.name) is not None]
     table = Table("held-out view", *(column.title for column in columns))
-    for image in evaluation.images:
+    for image in sorted(evaluation.images, key=lambda image: _numbered(image.name)):
         table.add_row(Text(printable(image.name)), *(column.text_of(image) for column in columns))
     table.add_section()
     table.add_row("mean", *(column.text_of(evaluation) for column in columns))
@@ -92,3 +93,8 @@ def print_evaluation(console: Terminal, evaluation: Evaluation, apart: Collectio
     console.print(table, soft_wrap=False)
     if evaluation.lpips_note:
         console.say(evaluation.lpips_note, style="dim")
+
+
+def _numbered(name: str) -> list[tuple[str, int]]:
+    """A key that sorts r_2.png before r_10.png."""
+    return [(text, int(number or 0)) for text, number in re.findall(r"(\D*)(\d*)", name)]
