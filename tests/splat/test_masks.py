@@ -48,6 +48,19 @@ def test_masks_count_as_if_they_had_been_there(engine: Engine, make_gaussians: M
     assert (found.means != expected.means).any()
 
 
+def test_a_mask_that_is_changed_in_place_counts(engine: Engine, make_gaussians: MakeGaussians) -> None:
+    frame = photograph(camera_in_front(40, 30, 40.0))
+    begin(engine, make_gaussians(30, 1), [frame])
+    mask = np.ones((30, 40), np.bool_)
+    engine.set_masks([mask])
+    engine.step(0, STEP)
+    assert engine.loss() > 0.01
+    mask[:] = False
+    engine.set_masks([mask])
+    engine.step(0, STEP)
+    assert engine.loss() < 1e-4
+
+
 def test_masks_of_other_photographs_are_refused(engine: Engine, make_gaussians: MakeGaussians) -> None:
     begin(engine, make_gaussians(5, 0), [photograph(camera_in_front(40, 30, 40.0))])
     with pytest.raises(PocketGSError, match="masks: found 2, expected one for each of 1 photographs"):

@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from pocketgs import Rasterizer
 from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera, look_at
+from pocketgs.geometry.lens import Lens
 from pocketgs.scene.gaussians import PARAMETERS, Gaussians
 from pocketgs.splat.rasterizer import OUTPUTS, Raster
 from pocketgs.splat.reference import project as reference_project
@@ -240,6 +241,51 @@ def test_lists_that_outgrow_their_room(
     np.testing.assert_array_equal(found.contributions.summed, expected.contributions.summed)
 
 
+@pytest.mark.usefixtures("adapter")
+def test_room_that_is_refused_leaves_the_rasterizer_usable(
+    monkeypatch: pytest.MonkeyPatch, camera: Camera, make_gaussians: MakeGaussians
+) -> None:
+    """Headroom is left out where only what is needed fits."""
+    monkeypatch.setattr("pocketgs.splat.webgpu.image_lists.MIN_INTERSECTIONS", 16)
+    gaussians, more = make_gaussians(count=50), make_gaussians(count=2000, size=0.4)
+    rasterizer = Rasterizer("webgpu")
+    lists = rasterizer._backend._lists  # type: ignore[attr-defined]
+    rasterizer.forward(gaussians, camera, ("alpha",))
+    needed = lists.symbols["intersections"]
+    expected = shared("webgpu").forward(gaussians, camera, ("alpha",)).alpha
+    largest = max(lists._executor.sizes().values())
+    monkeypatch.setattr(lists, "_largest", largest)
+    with pytest.raises(PocketGSError, match="the device allows"):
+        rasterizer.forward(more, camera, ("alpha",))
+    np.testing.assert_array_equal(rasterizer.forward(gaussians, camera, ("alpha",)).alpha, expected)
+    monkeypatch.setattr("pocketgs.splat.webgpu.image_lists.GROWTH", 1000.0)
+    lists._room = 16
+    np.testing.assert_array_equal(rasterizer.forward(gaussians, camera, ("alpha",)).alpha, expected)
+    assert lists.symbols["intersections"] == needed
+
+
+@pytest.mark.parametrize("name", ["cpu", "webgpu", "reference"])
+def test_infinite_logits_are_opaque_or_invisible(request: pytest.FixtureRequest, name: str) -> None:
+    """Infinite scales are not drawn, whichever sign."""
+    if name == "webgpu":
+        request.getfixturevalue("adapter")
+    camera = camera_in_front(33, 21, 30.0)
+    disc = Gaussians(np.zeros((1, 3)), np.full((1, 3), -1.0), [[1, 0, 0, 0]], [np.inf], np.zeros((1, 1, 3)))
+    assert shared(name).forward(disc, camera, ("alpha",)).alpha.max() > 0.98
+    seen = shared(name).forward(disc, camera, ("rgb", "alpha"))
+    gradient = shared(name).backward(seen, rgb=np.ones((21, 33, 3)), alpha=np.ones((21, 33)))
+    assert abs(gradient.opacity_logits[0]) < 1e-4
+    assert np.isfinite(gradient.means).all()
+    for hidden in (replace(disc, opacity_logits=[-np.inf]), replace(disc, log_scales=[[-1, -np.inf, -1]])):
+        assert shared(name).forward(hidden, camera, ("alpha",)).alpha.max() == 0.0
+
+
+def test_an_orthographic_camera_does_not_show_its_own_plane(engine: str) -> None:
+    camera = Camera(21, 15, 10.0, 10.0, 10.0, 7.0, np.eye(4), Lens("orthographic"))
+    disc = Gaussians(np.zeros((1, 3)), np.full((1, 3), -1.0), [[1, 0, 0, 0]], [3.0], np.zeros((1, 1, 3)))
+    assert shared(engine).forward(disc, camera, ("alpha",), near=0.0).alpha.max() == 0.0
+
+
 def test_nothing_to_see(engine: str, make_gaussians: MakeGaussians) -> None:
     camera = camera_in_front(20, 10, 20.0)
     for gaussians in (make_gaussians(count=0), a_million_off_screen().select(np.arange(50))):
@@ -308,6 +354,10 @@ def test_mistakes_are_named(camera: Camera, make_gaussians: MakeGaussians) -> No
     gaussians = make_gaussians(count=4)
     with pytest.raises(PocketGSError, match="'cuda', expected cpu, webgpu or reference"):
         Rasterizer("cuda")  # type: ignore[arg-type]
+    with pytest.raises(PocketGSError, match="threads: found 0, expected at least 1"):
+        Rasterizer("cpu", threads=0)
+    with pytest.raises(PocketGSError, match="GPU 'nonsense' with engine 'cpu', expected it with webgpu only"):
+        Rasterizer("cpu", gpu="nonsense")
     rasterizer = Rasterizer()
     with pytest.raises(PocketGSError, match="output 'colour', expected some of rgb"):
         rasterizer.forward(gaussians, camera, ("colour",))  # type: ignore[arg-type]

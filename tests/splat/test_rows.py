@@ -17,7 +17,7 @@ from pocketgs.splat.cpu.adam import regularise
 from pocketgs.splat.cpu.engine import CpuEngine
 from pocketgs.splat.cpu.layout import SceneArrays
 from pocketgs.splat.cpu.noise import add_noise
-from pocketgs.splat.engine import OptimiserState
+from pocketgs.splat.engine import EngineOptions, OptimiserState, create_engine
 from pocketgs.splat.parameters import COEFFICIENTS, GROUPS, Group, ParameterLayout, first_column
 from pocketgs.splat.reference.loss import photometric_loss
 from pocketgs.splat.reference.project import project
@@ -82,7 +82,7 @@ def test_rows_change_as_in_numpy(data: st.DataObject) -> None:
         fresh = np.array(data.draw(st.lists(st.booleans(), min_size=len(sources), max_size=len(sources))))
         name = data.draw(st.sampled_from(PARAMETERS))
         given_rows = np.array(data.draw(st.lists(st.integers(0, len(sources) - 1), unique=True)), np.int32)
-        values = np.full((len(given_rows), *expected[name].shape[1:]), 0.5, np.float32)
+        values = np.full((len(given_rows), *expected[name].shape[1:]), 0.5, np.float32)  # quaternions of unit length
         store.change_rows(RowChange(sources, fresh, {name: (given_rows, values)}))
         expected = {key: array[sources] for key, array in expected.items()}
         expected[name][given_rows] = values
@@ -104,7 +104,19 @@ def test_rows_change_as_in_numpy(data: st.DataObject) -> None:
         (RowChange(np.array([0]), np.zeros(1, bool)), r"sources are int64 \(1,\), expected int32"),
         (RowChange(np.array([0], np.int32), np.zeros(2, bool)), r"fresh is bool \(2,\), expected bool \(1,\)"),
         (RowChange.of_values(3, {"colours": (np.array([0]), np.zeros(1))}), "'colours', which is not a parameter"),
-        (RowChange.of_values(3, {"means": (np.array([0]), np.zeros(3))}), r"means has shape \(3,\), expected \(1, 3\)"),
+        (
+            RowChange.of_values(3, {"means": (np.array([0]), np.zeros(3))}),
+            r"float64 \(3,\), expected numbers \(1, 3\)",
+        ),
+        (
+            RowChange.of_values(3, {"means": (np.array([0]), np.full((1, 3), "1"))}),
+            r"<U1 \(1, 3\), expected numbers",
+        ),
+        (
+            RowChange.of_values(3, {"means": (np.array([0.0]), np.zeros((1, 3)))}),
+            r"rows float64 \(1,\), expected",
+        ),
+        (RowChange.of_values(3, {"means": (np.array([0, 0]), np.zeros((2, 3)))}), "means names a row twice"),
         (RowChange.of_values(3, {"means": (np.array([3]), np.zeros((1, 3)))}), "means name rows 3 to 3"),
     ],
 )
@@ -114,6 +126,49 @@ def test_changes_of_another_scene_are_refused(change: RowChange, message: str) -
     with pytest.raises(PocketGSError, match=message):
         store.change_rows(change)
     assert_identical(store.scene, scene)
+
+
+@pytest.mark.parametrize("failing", range(8))
+def test_a_scene_that_outgrows_memory_stays(
+    make_gaussians: MakeGaussians, monkeypatch: pytest.MonkeyPatch, failing: int
+) -> None:
+    """Whichever array does not fit; it may grow and train later."""
+    camera = camera_in_front(40, 30, 40.0)
+    engine, expected = (engine_with(make_gaussians(count=50, sh_degree=1), camera) for _ in range(2))
+    doubled = RowChange(np.arange(100, dtype=np.int32) // 2, np.zeros(100, bool))
+    allocate, calls = np.empty, iter(range(100))
+
+    def scarce(shape: tuple[int, ...], dtype: type) -> np.ndarray:
+        if len(shape) > 0 and shape[0] == 100 and next(calls) == failing:
+            raise MemoryError("no memory")
+        return allocate(shape, dtype)
+
+    with monkeypatch.context() as patch:
+        patch.setattr("pocketgs.splat.store.np.empty", scarce)
+        with pytest.raises(PocketGSError, match="100 Gaussians do not fit into memory"):
+            engine.change_rows(doubled)
+    for each in (engine, expected):
+        each.step(0, STEP)
+    assert_identical(engine.download(), expected.download())
+    for each in (engine, expected):
+        each.change_rows(doubled)
+        each.step(0, STEP)
+    assert_identical(engine.download(), expected.download())
+
+
+@pytest.mark.parametrize("engine", ["cpu", "webgpu"])
+def test_quaternions_of_any_length_may_be_set(
+    request: pytest.FixtureRequest, make_gaussians: MakeGaussians, engine: str
+) -> None:
+    if engine == "webgpu":
+        request.getfixturevalue("adapter")
+    scene, camera = make_gaussians(count=20, sh_degree=0), camera_in_front(40, 30, 40.0)
+    tested = create_engine(EngineOptions(engine))
+    tested.upload(scene)
+    expected = tested.render(camera).image
+    longer = 3.0 * scene.quaternions
+    tested.change_rows(RowChange.of_values(20, {"quaternions": (np.arange(20), longer)}))
+    np.testing.assert_allclose(tested.render(camera).image, expected, atol=1e-5)
 
 
 def engine_with(scene: Gaussians, camera: Camera, state: OptimiserState | None = None) -> CpuEngine:

@@ -7,6 +7,9 @@ import numpy as np
 MAX_OTHER = np.sqrt(0.5)
 """Bound of all components of a unit quaternion except the largest."""
 
+SHORTEST, LONGEST = 1e-15, 1e15
+"""Lengths of quaternions whose squares float32 holds."""
+
 
 def unit(quaternions: np.ndarray) -> np.ndarray:
     """(N, 4) float64 normalised quaternions, however short or long.
@@ -18,6 +21,19 @@ def unit(quaternions: np.ndarray) -> np.ndarray:
     with np.errstate(invalid="ignore"):
         scaled = whole / np.where(largest == 0, 1.0, largest)
         return np.asarray(scaled / np.linalg.norm(scaled, axis=1, keepdims=True))
+
+
+def of_unit_length(quaternions: np.ndarray) -> np.ndarray:
+    """(N, 4) normalised quaternions of the same type, as `unit`.
+
+    Those of length 1 keep their bits: normalising can change the last one, and a resumed run must not differ.
+    """
+    with np.errstate(all="ignore"):
+        lengths = np.linalg.norm(quaternions, axis=1, keepdims=True)
+        whole = np.where(np.abs(lengths - 1.0) > 1e-6, quaternions / lengths, quaternions)
+    extreme = np.isfinite(quaternions).all(axis=1) & ~((lengths > SHORTEST) & (lengths < LONGEST))[:, 0]
+    whole[extreme] = unit(quaternions[extreme])
+    return whole
 
 
 def rotation_matrices(quaternions: np.ndarray) -> np.ndarray:

@@ -58,6 +58,13 @@ def _with_errors_in_one_line(method: _Method) -> _Method:
     return cast("_Method", wrapped)
 
 
+class _Buffers(dict[str, Any]):
+    """Buffers by name. One that is absent was to be enlarged when the GPU had no memory left."""
+
+    def __missing__(self, name: str) -> Any:
+        raise PocketGSError(f"{name!r} was lost when the GPU ran out of memory, expected the scene to be loaded anew")
+
+
 class Executor:
     """Holds a description's pipelines and buffers on a device.
 
@@ -69,10 +76,10 @@ class Executor:
     def __init__(self, device: Any, description: Description) -> None:
         self.description = description
         self.device = device
-        self._buffers = {
-            name: device.create_buffer(label=name, size=layout.size, usage=_UNIFORM)
+        self._buffers = _Buffers(
+            (name, device.create_buffer(label=name, size=layout.size, usage=_UNIFORM))
             for name, layout in description.uniforms.items()
-        }
+        )
         self._layouts: dict[str, Any] = {}
         self._modules: dict[str, Any] = {}
         self._pipelines: dict[tuple[str, tuple[tuple[str, int], ...]], Any] = {}

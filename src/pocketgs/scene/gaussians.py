@@ -8,14 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from pocketgs.errors import PocketGSError
-from pocketgs.geometry.quaternions import unit
+from pocketgs.geometry.quaternions import of_unit_length
 
 SH_COEFFICIENTS = (1, 4, 9, 16)
 SH_DC = 0.28209479177387814
 """Spherical harmonic of degree 0, 1 / (2 √π): colour = 0.5 + SH_DC · sh[:, 0] at degree 0."""
-
-SHORTEST, LONGEST = 1e-15, 1e15
-"""Lengths of quaternions whose squares float32 holds."""
 
 
 @dataclass
@@ -31,7 +28,7 @@ class Gaussians:
         sh: (N, K, 3) spherical-harmonics coefficients of RGB, K = 1, 4, 9 or 16 for degree 0 to 3.
 
     All arrays are float32 and contiguous. NaN and infinity are allowed, since training may diverge: engines do not draw
-    Gaussians that contain them.
+    Gaussians that contain them. But infinite opacity logits are opacities of 0 and 1.
 
     Raises:
         PocketGSError: an attribute is not an array of real numbers, or the shapes disagree.
@@ -73,13 +70,7 @@ class Gaussians:
     @property
     def unit_quaternions(self) -> np.ndarray:
         """(N, 4) quaternions of length 1; the identity where the length is 0, NaN where it is not finite."""
-        with np.errstate(all="ignore"):
-            lengths = np.linalg.norm(self.quaternions, axis=1, keepdims=True)
-            # Normalising a unit quaternion can change its last bit, and a resumed run must not differ.
-            whole = np.where(np.abs(lengths - 1.0) > 1e-6, self.quaternions / lengths, self.quaternions)
-        extreme = np.isfinite(self.quaternions).all(axis=1) & ~((lengths > SHORTEST) & (lengths < LONGEST))[:, 0]
-        whole[extreme] = unit(self.quaternions[extreme])
-        return whole
+        return of_unit_length(self.quaternions)
 
     @property
     def is_finite(self) -> np.ndarray:

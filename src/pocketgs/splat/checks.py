@@ -54,5 +54,7 @@ def check_view(view: int, views: Sequence[object]) -> None:
     Raises:
         PocketGSError: there is no such view.
     """
-    if not 0 <= view < len(views):
+    if not views:
+        raise PocketGSError("step: there are no views, expected a call of set_views before")
+    if not isinstance(view, int | np.integer) or not 0 <= view < len(views):
         raise PocketGSError(f"step: found view {view!r}, expected 0 to {len(views) - 1}: set_views gives {len(views)}")

@@ -36,7 +36,7 @@ class Rendering:
     Attributes:
         image: (H, W, 3) float32 RGB over the background, not clipped at 1.
         alpha: (H, W) float32 coverage in [0, 1].
-        depth: (H, W) float32 expected depth along the optical axis, Σ α_i T_i z_i / alpha; 0 where alpha is 0. None
+        depth: (H, W) float32 expected depth, Σ α_i T_i z_i / alpha with z of `Camera.depths`; 0 where alpha is 0. None
             unless requested.
     """
 
@@ -122,7 +122,9 @@ class Engine(Renderer, Protocol):
         """Restart the statistics at zero, or from earlier sums."""
 
     def loss(self, steps: int = 1) -> float:
-        """Mean loss of the last `steps` steps, at most KEPT_LOSSES, each before its update. Waits for them."""
+        """Mean loss of the last `steps` steps since the upload, at most KEPT_LOSSES, each before its update. NaN before
+        the first. Waits for them.
+        """
 
     def download(self) -> Gaussians:
         """Copy the current scene."""

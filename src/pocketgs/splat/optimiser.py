@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numba
 import numpy as np
 
@@ -71,13 +73,20 @@ class Adam:
         Args:
             gradient: from `Rasterizer.backward`.
             rates: step sizes by group; from a recipe, or your own.
+
+        Raises:
+            PocketGSError: the gradient is not of as many Gaussians, or of another degree.
         """
         from pocketgs.splat.cpu.adam import update
         from pocketgs.splat.cpu.clusters import Clusters
 
         store = self._store
         parts = (gradient.means, gradient.log_scales, gradient.rotations, gradient.opacity_logits, gradient.sh)
-        rows = [np.reshape(part, (store.count, -1)) for part in parts]
+        tails = ((3,), (3,), (3,), (), store.scene.sh.shape[1:])
+        found, expected = [np.shape(part) for part in parts], [(store.count, *tail) for tail in tails]
+        if found != expected:
+            raise PocketGSError(f"adam: found gradients of {found}, expected {expected}")
+        rows = [np.reshape(part, (store.count, math.prod(tail))) for part, tail in zip(parts, tails, strict=True)]
         np.concatenate(rows, axis=1, out=store.gradients)
         self._steps += 1
         threads = kernel_threads(None)

@@ -120,7 +120,7 @@ class Rasterizer:
             stops at 1e-4. `pocketgs.sort_free` makes images from sums.
 
     Raises:
-        PocketGSError: there is no such engine, compositor or GPU.
+        PocketGSError: there is no such engine, compositor or GPU, or fewer than one thread is asked for.
     """
 
     def __init__(
@@ -132,6 +132,8 @@ class Rasterizer:
     ) -> None:
         if compositor not in COMPOSITORS:
             raise PocketGSError(f"rasterizer: found compositor {compositor!r}, expected {' or '.join(COMPOSITORS)}")
+        if gpu is not None and engine != "webgpu":
+            raise PocketGSError(f"rasterizer: found GPU {gpu!r} with engine {engine!r}, expected it with webgpu only")
         self._compositor = compositor
         self._backend: Backend
         if engine == "cpu":
@@ -166,7 +168,8 @@ class Rasterizer:
             parameters: the Gaussians; not copied, so do not change them until `backward` has been called.
             camera: of the view.
             outputs: any of OUTPUTS; see `Raster`.
-            features: (N, D), any D, for the output "features": features, or colours computed elsewhere.
+            features: (N, D), any D, for the output "features": features, or colours computed elsewhere. All finite: NaN
+                and infinity spread to pixels that the Gaussian does not touch.
             background: RGB behind the scene, for the output "rgb".
             near: minimum depth of the centre of a drawn Gaussian, at least 0; None for the default relative to the
                 scene.

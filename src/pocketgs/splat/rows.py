@@ -18,8 +18,9 @@ class RowChange:
     Attributes:
         sources: (M,) int32, current row that each of the M new rows copies, with parameters and moments.
         fresh: (M,) bool, rows whose moments are reset to zero.
-        values: by parameter name (`means`, `log_scales`, `quaternions`, `opacity_logits`, `sh`), new rows (R,) int32,
-            each at most once, and the values (R, ...) to set. Moments of that parameter are reset there.
+        values: by parameter name (`means`, `log_scales`, `quaternions`, `opacity_logits`, `sh`), new rows (R,) of
+            integers, each at most once, and the values (R, ...) to set, quaternions of any length. Moments of that
+            parameter are reset there.
     """
 
     sources: np.ndarray
@@ -77,10 +78,16 @@ def check_change(change: RowChange, count: int, layout: ParameterLayout) -> None
     for name, (rows, values) in change.values.items():
         if name not in {group.name for group in layout.groups}:
             raise PocketGSError(f"change of rows: found values of {name!r}, which is not a parameter")
-        expected = (len(rows), *layout.group(name).tail(layout.coefficients))
-        if np.shape(values) != expected:
-            raise PocketGSError(f"change of rows: {name} has shape {np.shape(values)}, expected {expected}")
-        _check_rows(name, np.asarray(rows), len(sources))
+        listed, found = np.asarray(rows), np.asarray(values)
+        if listed.ndim != 1 or listed.dtype.kind not in "iu":
+            found_rows = f"rows {listed.dtype} {listed.shape}"
+            raise PocketGSError(f"change of rows: {name} are set in {found_rows}, expected integers (R,)")
+        _check_rows(name, listed, len(sources))
+        if len(np.unique(listed)) < len(listed):
+            raise PocketGSError(f"change of rows: {name} names a row twice, expected each at most once")
+        expected = (len(listed), *layout.group(name).tail(layout.coefficients))
+        if found.shape != expected or found.dtype.kind not in "iuf":
+            raise PocketGSError(f"change of rows: {name} are {found.dtype} {found.shape}, expected numbers {expected}")
 
 
 def _check_rows(what: str, rows: np.ndarray, count: int) -> None:

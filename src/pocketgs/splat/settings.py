@@ -156,7 +156,9 @@ class PositionNoise:
 
 @dataclass(frozen=True)
 class Dropout:
-    """A random share of the Gaussians that a step neither draws nor updates (DropGaussian, Park et al. 2025).
+    """A random share of the Gaussians that a step does not draw (DropGaussian, Park et al. 2025).
+
+    Their gradients are 0. They still move by their momentum, except with `AdamSettings.seen_only`.
 
     Attributes:
         share: of the Gaussians, from 0 to below 1.

@@ -6,6 +6,8 @@ import math
 
 import numpy as np
 
+from pocketgs.errors import PocketGSError
+from pocketgs.geometry.quaternions import of_unit_length
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.engine import OptimiserState
 from pocketgs.splat.parameters import ParameterLayout
@@ -71,7 +73,7 @@ class ParameterStore:
         """Select, duplicate and set rows, including the optimiser's.
 
         Raises:
-            PocketGSError: the change does not fit the scene.
+            PocketGSError: the change does not fit the scene, or memory; nothing is changed.
         """
         check_change(change, self.count, self.layout)
         if len(change.sources) > self.capacity:
@@ -84,28 +86,35 @@ class ParameterStore:
             for name, (rows, _) in change.values.items():
                 moments[rows, self.layout.columns_of(name)] = 0.0
         for name, (rows, values) in change.values.items():
-            self[name][rows] = values
+            self[name][rows] = of_unit_length(values) if name == "quaternions" else values
 
     def _gather(self, array: np.ndarray, sources: np.ndarray) -> None:
         """Copy the source rows to the first ones, using the gradients' memory, which is free between steps."""
-        rows = array.reshape(self.capacity, math.prod(array.shape[1:]))
+        rows = array.reshape(len(array), math.prod(array.shape[1:]))
         size = len(sources) * rows.shape[1]
         gathered = self._gradients.reshape(-1)[:size].reshape(len(sources), rows.shape[1])
         np.take(rows, sources, axis=0, out=gathered, mode="clip")  # indices are checked; "raise" would buffer
         rows[: len(sources)] = gathered
 
     def _make_room(self, capacity: int) -> None:
-        """Grow the arrays to `capacity` rows, one after the other, so that only one is in memory twice."""
-        self._gradients = np.empty((0, 0), np.float32)
-        for name, array in self._arrays.items():
-            self._arrays[name] = _enlarged(array, capacity)
-        self._first_moments = _enlarged(self._first_moments, capacity)
-        self._second_moments = _enlarged(self._second_moments, capacity)
-        self._gradients = np.empty((capacity, self.layout.columns), np.float32)
+        """Grow the arrays to `capacity` rows, one after the other, so that only one is in memory twice.
+
+        If one does not fit, those before it have room that is not used: the store is as it was.
+        """
+        try:
+            self._gradients = np.empty((capacity, self.layout.columns), np.float32)
+            for name, array in self._arrays.items():
+                self._arrays[name] = _enlarged(array, capacity)
+            self._first_moments = _enlarged(self._first_moments, capacity)
+            self._second_moments = _enlarged(self._second_moments, capacity)
+        except MemoryError as error:
+            raise PocketGSError(f"{capacity:,} Gaussians do not fit into memory: {error}") from error
         self.capacity = capacity
 
 
 def _enlarged(array: np.ndarray, rows: int) -> np.ndarray:
+    if len(array) >= rows:
+        return array
     larger = np.empty((rows, *array.shape[1:]), np.float32)
     larger[: len(array)] = array
     return larger

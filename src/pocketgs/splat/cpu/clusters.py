@@ -96,7 +96,7 @@ def outside(bounds: np.ndarray, view: View, lens: KernelLens, near: float) -> np
 
 @parallel_kernel
 def fit(means: np.ndarray, log_scales: np.ndarray, clusters: np.ndarray, threads: int, bounds: np.ndarray) -> None:
-    """Compute the bounds of some clusters. Gaussians with NaN or infinity are ignored: they are not drawn.
+    """Compute the bounds of some clusters. Gaussians with NaN are ignored; a cluster with infinity is always in view.
 
     Args:
         means: (N, 3) float32.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -57,6 +58,10 @@ class ForwardPass:
     canvas: Canvas
 
 
+NOTHING = Gaussians(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 4)), np.zeros(0), np.zeros((0, 1, 3)))
+"""The scene before the first upload."""
+
+
 class CpuEngine:
     """Operator T in Numba; see `pocketgs.splat.engine.Engine`.
 
@@ -78,6 +83,7 @@ class CpuEngine:
         self.timer: PassTimer = NoTimer()
         self._losses: deque[float] = deque(maxlen=KEPT_LOSSES)
         self._photographs = Photographs([], self.threads)
+        self.upload(NOTHING)
 
     def prepare(self) -> None:
         """Compile the kernels, or load them from the cache, by training a dummy scene.
@@ -125,6 +131,7 @@ class CpuEngine:
             check_state(gaussians, state)
         self._photographs.restart_colours(None if state is None else state.colours)
         self._store = ParameterStore(gaussians, state)
+        self._losses.clear()
         self._near = near_plane(gaussians.means) if state is None or state.near is None else state.near
         self._steps = 0 if state is None else state.steps
         self._allocate_rows()
@@ -132,7 +139,6 @@ class CpuEngine:
     def _allocate_rows(self) -> None:
         """Allocate a step's outputs per Gaussian for the current number of Gaussians."""
         count = self._store.count
-        self._scene = self._store.scene
         self.restart_statistics()
         self._splats = np.zeros((count, SPLAT_FIELDS), np.float32)
         self._depth_keys = np.zeros(count, np.uint32)
@@ -187,7 +193,7 @@ class CpuEngine:
 
     def loss(self, steps: int = 1) -> float:
         """Mean loss of the last `steps` steps, measured before their updates."""
-        return float(np.mean(list(self._losses)[-steps:]))
+        return float(np.mean(list(self._losses)[-steps:])) if self._losses else math.nan
 
     def render(self, camera: Camera, background: Background = BLACK, depth: bool = False) -> Rendering:
         """Render the current scene."""
@@ -206,7 +212,7 @@ class CpuEngine:
 
     def download(self) -> Gaussians:
         """Copy the current scene."""
-        return Gaussians(*(getattr(self._scene, name).copy() for name in PARAMETERS))
+        return Gaussians(*(getattr(self._store.scene, name).copy() for name in PARAMETERS))
 
     def optimiser_state(self) -> OptimiserState:
         """Copy the optimiser's state."""
@@ -234,7 +240,7 @@ class CpuEngine:
         self, view: View, lens: KernelLens, background: np.ndarray, dropout: Dropout | None = None
     ) -> ForwardPass:
         """Cull → project → drop out → sort → bin → rasterize."""
-        scene, timer = self._scene, self.timer
+        scene, timer = self._store.scene, self.timer
         timer.begins("cull")
         clusters = self._clusters.in_view(scene, view, lens, self._near, self.threads)
         timer.begins("project")
@@ -285,7 +291,7 @@ class CpuEngine:
         clear(gradients, self._written, self.threads)
         self._written = raster.clusters
         project_backward(
-            SceneArrays.of(self._scene),
+            SceneArrays.of(self._store.scene),
             view.view,
             view.lens,
             self.threads,
@@ -334,7 +340,7 @@ class CpuEngine:
 
     def _update(self, settings: StepSettings, in_view: np.ndarray) -> float:
         """Regularise → Adam; returns the regularisers' value."""
-        scene, store, weights = self._scene, self._store, settings.loss
+        scene, store, weights = self._store.scene, self._store, settings.loss
         self.timer.begins("Adam")
         value = 0.0
         moving = in_view if settings.adam.seen_only else self._clusters.all

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pocketgs.geometry.camera import Camera
-from pocketgs.scene.gaussians import Gaussians
+from pocketgs.scene.gaussians import PARAMETERS, Gaussians
 from pocketgs.splat.constants import ALPHA_MIN
 from pocketgs.splat.parameters import first_column
 from pocketgs.system.compile import part
@@ -69,7 +69,8 @@ class SceneArrays(NamedTuple):
     @staticmethod
     def of(scene: Gaussians) -> SceneArrays:
         """The arrays of a scene whose quaternions have unit length."""
-        return SceneArrays(scene.means, scene.log_scales, scene.quaternions, scene.opacity_logits, scene.sh)
+        # Kernels would be compiled anew for arrays that are read-only.
+        return SceneArrays(*(np.require(getattr(scene, name), requirements="W") for name in PARAMETERS))
 
 
 class View(NamedTuple):

@@ -74,7 +74,6 @@ class WebGpuEngine:
     name = "webgpu"
     _extent: Extent
     _plan: MemoryPlan
-    _near: float
 
     def __init__(self, options: EngineOptions | None = None) -> None:
         options = options or EngineOptions()
@@ -86,6 +85,7 @@ class WebGpuEngine:
         self._shares_memory = adapter.shares_memory
         self._limits = Limits(options.max_memory * 1_000_000, adapter.largest_buffer)
         self._frames: list[Frame] = []
+        self._near = near_plane(np.zeros((0, 3)))
         self._ahead = StepsAhead(self.executor)
         self._most_intersections = adapter.largest_buffer // INTERSECTION_BYTES[options.accumulation]
         self._fit(Extent(), [])
@@ -109,9 +109,10 @@ class WebGpuEngine:
         """Replace the photographs' masks."""
         check_masks(masks, self._extent.photographs)
         self._settle()
-        changed = [view for view, mask in enumerate(masks) if mask is not self._frames[view].mask]
+        # The same array may hold other values than before.
+        masked = [view for view, mask in enumerate(masks) if not (mask is None and self._frames[view].mask is None)]
         self._frames = [replace(frame, mask=mask) for frame, mask in zip(self._frames, masks, strict=True)]
-        self._shelve(changed)
+        self._shelve(masked)
 
     def upload(self, gaussians: Gaussians, state: OptimiserState | None = None) -> None:
         """Copy the scene, and the optimiser's state; without one, the optimiser is reset.

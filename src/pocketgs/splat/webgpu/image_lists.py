@@ -7,6 +7,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera
 from pocketgs.gpu.adapters import choose_adapter
 from pocketgs.gpu.buffer_sizes import check_buffers
@@ -56,9 +57,9 @@ class ImageLists:
             content: to write to buffers before.
         """
         self._drawn = None
+        wanted, least = self._room, MIN_INTERSECTIONS
         while True:
-            self.symbols = self._executor.description.symbols({**given, "intersections": self._room})
-            self._reserve("forward")
+            self._make_room(given, wanted, least)
             write_camera(self._executor, camera, (0.0, 0.0, 0.0), near, self.symbols)
             self._submit("forward", {**content, "status": np.zeros(3, np.uint32)})
             _, halted, needed = self.read("status", np.uint32, 3)
@@ -67,7 +68,7 @@ class ImageLists:
                 # What follows holds something for each intersection that there is.
                 self.symbols["intersections"] = int(needed)
                 return
-            self._room = int(needed * GROWTH)
+            wanted, least = int(needed * GROWTH), int(needed)
 
     def run(self, sequence: str, content: Mapping[str, np.ndarray] = MappingProxyType({})) -> None:
         """Run another sequence on the image that was drawn last."""
@@ -77,6 +78,19 @@ class ImageLists:
     def read(self, name: str, dtype: type[np.generic], count: int) -> np.ndarray:
         """The first numbers of a buffer."""
         return self._executor.read(name, dtype, count)
+
+    def _make_room(self, given: Symbols, wanted: int, least: int) -> None:
+        """Make the buffers to draw an image, with room for the wanted intersections, or at least for the least."""
+        for room in (wanted, least):
+            self.symbols = self._executor.description.symbols({**given, "intersections": room})
+            try:
+                self._reserve("forward")
+            except PocketGSError:
+                if room == least:
+                    raise
+            else:
+                self._room = room
+                return
 
     def _submit(self, sequence: str, content: Mapping[str, np.ndarray]) -> None:
         """Write to some buffers, then run a sequence."""

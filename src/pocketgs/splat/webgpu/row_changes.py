@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from pocketgs.geometry.quaternions import of_unit_length
 from pocketgs.gpu.executor import Executor
 from pocketgs.gpu.sizes import Symbols
 from pocketgs.splat.parameters import ParameterLayout
@@ -53,6 +54,8 @@ def set_values(executor: Executor, change: RowChange, symbols: Symbols) -> None:
         listed = {**symbols, "listed": len(rows)}
         executor.write(SOURCES, np.asarray(rows, np.uint32))
         numbers = np.asarray(values, np.float32).reshape(len(rows), layout.group(name).numbers(layout.coefficients))
+        if name == "quaternions":
+            numbers = of_unit_length(numbers)
         _set(executor, "sh" if name == "sh" else "shape", 0 if name == "sh" else FIRST_COLUMNS[name], numbers, listed)
         columns = layout.columns_of(name)
         zeros = np.zeros((len(rows), columns.stop - columns.start), np.float32)

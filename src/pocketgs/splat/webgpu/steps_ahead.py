@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -99,7 +100,9 @@ class StepsAhead:
         self.most = int(np.clip(SECONDS_AHEAD / seconds, 1, MAX_PENDING))
 
     def mean_loss(self, steps: int) -> float:
-        """Mean loss of the last `steps` completed steps of this run."""
+        """Mean loss of the last `steps` completed steps of this run; NaN before the first."""
         ring = self._executor.read("losses", np.float32, KEPT_LOSSES)
         first = max(self.completed - min(steps, KEPT_LOSSES), self._completed_before)
+        if first == self.completed:
+            return math.nan
         return float(ring[np.arange(first, self.completed) % KEPT_LOSSES].mean(dtype=np.float64))

@@ -83,13 +83,16 @@ class WeightedDrawing:
 
     def _draw(self, sequence: str, camera: Camera, background: Background) -> np.ndarray:
         """(H, W, 4) float32: colour and how much of the background shows."""
-        intersections = self._intersections
+        wanted, least = self._intersections, MIN_INTERSECTIONS
         while True:
-            symbols = self._make_room(camera, intersections)
+            try:
+                symbols = self._make_room(camera, wanted)
+            except PocketGSError:
+                symbols = self._make_room(camera, least)
             image, needed = draw_once(self._executor, sequence, camera, background, self._near, symbols)
             if not needed:
                 return image
-            intersections = int(needed * GROWTH)
+            wanted, least = int(needed * GROWTH), needed
             self._executor.write("status", np.zeros(3, np.uint32))
 
     def _make_room(self, camera: Camera, intersections: int) -> dict[str, int]:

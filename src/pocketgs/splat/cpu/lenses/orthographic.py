@@ -16,7 +16,7 @@ def depth_of(view: View, lens: Orthographic, local: Vector) -> float:
 
 def shows(view: View, lens: Orthographic, local: Vector, largest: float) -> bool:
     """Whether a Gaussian beyond the near plane is visible."""
-    return True
+    return local[2] > 0.0
 
 
 def centre_of(view: View, lens: Orthographic, local: Vector) -> tuple[float, float]:

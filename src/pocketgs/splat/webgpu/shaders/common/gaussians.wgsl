@@ -2,7 +2,10 @@
 // mean, log scale, quaternion and opacity logit, `sh` coefficient after coefficient, RGB each. The first column of each
 // is a constant, such as MEAN, or GRADIENT_MEAN in gradients and moments.
 
-// A Gaussian without its colour. The quaternion is of unit length: w, x, y, z.
+// Stands for an infinite opacity logit: the opacity is 0 or 1 to the last bit. WGSL promises nothing of infinities.
+const CERTAIN: f32 = 80.0;
+
+// A Gaussian without its colour. The quaternion is of unit length: w, x, y, z. The opacity logit is not infinite.
 struct Gaussian {
     mean: vec3f,
     log_scale: vec3f,
@@ -29,6 +32,14 @@ fn shape_at(column: u32, i: u32) -> f32 {
     return shape[column * view.gaussians + i];
 }
 
+fn bounded_logit(logit: f32) -> f32 {
+    let bits = bitcast<u32>(logit);
+    if ((bits & 0x7fffffffu) != 0x7f800000u) {
+        return logit;
+    }
+    return select(-CERTAIN, CERTAIN, bits == 0x7f800000u);
+}
+
 fn read_gaussian(i: u32) -> Gaussian {
     return Gaussian(
         vec3f(shape_at(MEAN, i), shape_at(MEAN + 1u, i), shape_at(MEAN + 2u, i)),
@@ -39,7 +50,7 @@ fn read_gaussian(i: u32) -> Gaussian {
             shape_at(QUATERNION + 2u, i),
             shape_at(QUATERNION + 3u, i),
         ),
-        shape_at(OPACITY_LOGIT, i),
+        bounded_logit(shape_at(OPACITY_LOGIT, i)),
     );
 }
 

@@ -6,7 +6,7 @@ fn depth_of(local: vec3f) -> f32 {
 }
 
 fn is_shown(view: View, local: vec3f, largest_scale: f32) -> bool {
-    return true;
+    return local.z > 0.0;
 }
 
 fn project_point(view: View, local: vec3f) -> vec2f {
