@@ -16,10 +16,11 @@ def quaternion_gradient(quaternions: np.ndarray, d_rotations: np.ndarray) -> np.
         quaternions: (N, 4) w, x, y, z.
         d_rotations: (N, 3) with respect to δ in q ← q ⊗ exp(½δ); where it is 0, the result is 0.
     """
-    w, v = quaternions[:, :1], quaternions[:, 1:]
+    whole = quaternions.astype(np.float64)  # float32 does not hold the squares of very short and long ones
+    w, v = whole[:, :1], whole[:, 1:]
     with np.errstate(all="ignore"):
         scalar = -np.sum(v * d_rotations, axis=1, keepdims=True)
         product = np.concatenate([scalar, w * d_rotations + np.cross(v, d_rotations)], axis=1)
-        squares = np.sum(quaternions**2, axis=1, keepdims=True)
+        squares = np.sum(whole**2, axis=1, keepdims=True)
         gradient = 2.0 * product / np.where(squares == 0, 1.0, squares)
-    return np.where(np.any(d_rotations != 0.0, axis=1, keepdims=True), gradient, 0.0)
+    return np.where(np.any(d_rotations != 0.0, axis=1, keepdims=True), gradient, 0.0).astype(d_rotations.dtype)
