@@ -268,6 +268,18 @@ def test_foreign_folder_is_left_alone(tmp_path: Path, content: str) -> None:
     assert (tmp_path / content).read_text() == "mine"
 
 
+def test_files_of_the_users_are_not_deleted_with_an_older_demo(tmp_path: Path) -> None:
+    write_demo(tmp_path / "demo", 16, 12, 4)
+    (tmp_path / "demo" / "images" / "notes.txt").write_text("mine")
+    write_demo(tmp_path / "demo", 16, 12, 4)
+    with pytest.raises(PocketGSError, match=r"demo/images/notes\.txt: was not written by pocketgs"):
+        write_demo(tmp_path / "demo", 16, 12, 5)
+    assert (tmp_path / "demo" / "images" / "notes.txt").read_text() == "mine"
+    (tmp_path / "demo" / "images" / "notes.txt").rename(tmp_path / "demo" / ".DS_Store")
+    write_demo(tmp_path / "demo", 16, 12, 5)
+    assert len(open_capture(tmp_path / "demo").frames) == 5
+
+
 def test_file_in_the_way(tmp_path: Path) -> None:
     (tmp_path / "demo").write_text("mine")
     with pytest.raises(PocketGSError, match="demo: "):

@@ -262,6 +262,27 @@ def test_resume(refused: Callable[..., str], written_capture: Path, result: Path
     assert "checkpoint.npz: has been changed since pocketgs wrote it" in refused(*command, result)
 
 
+@pytest.mark.parametrize("changed", ["names", "poses"])
+def test_resume_on_another_capture_of_the_same_name(
+    refused: Callable[..., str],
+    result: Path,
+    capture_folder: Path,
+    changed: str,
+) -> None:
+    """Its photographs have other names, or its cameras are elsewhere; there are as many."""
+    document = json.loads((capture_folder / "transforms.json").read_text())
+    for frame in document["frames"]:
+        if changed == "names":
+            before = capture_folder / frame["file_path"]
+            frame["file_path"] = f"images/other_{before.name}"
+            before.rename(capture_folder / frame["file_path"])
+        else:
+            frame["transform_matrix"][0][3] += 0.01
+    (capture_folder / "transforms.json").write_text(json.dumps(document))
+    command = ["train", capture_folder, "--resume", "--prior", "none", "--iterations", "50", "--output", result]
+    assert "belongs to a run on other photographs, or on other poses" in refused(*command)
+
+
 def test_full_disk(
     pocketgs_process: Callable[..., subprocess.Popen[str]],
     written_capture: Path,

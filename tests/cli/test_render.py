@@ -132,6 +132,35 @@ def test_other_files_of_the_folder_stay(
     assert {name: after[name] for name in before} == before
 
 
+def test_pictures_of_an_earlier_rendering_go(
+    pocketgs: Callable[..., Any], result: Path, written_capture: Path, tmp_path: Path
+) -> None:
+    """Those of other programs stay; those that were changed are nobody's to delete, and stop the command."""
+    output = tmp_path / "views"
+    command = ["render", result, written_capture, "--output", output, "--frames"]
+    assert pocketgs(*command, 4).status == 0
+    Image.new("RGB", (4, 4)).save(output / "mine.png")
+    assert pocketgs(*command, 2).status == 0
+    assert list(pictures_in(output)) == ["0000.png", "0001.png", "mine.png"]
+    assert pocketgs("eval", result, written_capture, "--pictures", output).status == 0
+    assert list(pictures_in(output)) == ["images_0000.png", "mine.png"]
+    Image.new("RGB", (4, 4)).save(output / "images_0000.png")
+    outcome = pocketgs(*command, 2)
+    assert outcome.status == 2
+    assert "images_0000.png: has been changed since pocketgs wrote it" in outcome.errors
+    assert list(pictures_in(output)) == ["images_0000.png", "mine.png"]
+
+
+def test_pictures_in_a_result_replace_none_of_its_own(
+    pocketgs: Callable[..., Any], result: Path, written_capture: Path
+) -> None:
+    before = [path.name for path in (result / "held_out").iterdir()]
+    for frames in (3, 1):
+        assert pocketgs("render", result, written_capture, "--frames", frames, "--output", result).status == 0
+    assert list(pictures_in(result)) == ["0000.png"]
+    assert [path.name for path in (result / "held_out").iterdir()] == before
+
+
 def test_empty_scene_shows_the_background(small_capture: Capture) -> None:
     empty = Gaussians(*(np.zeros((0, *tail)) for tail in [(3,), (3,), (4,), (), (1, 3)]))
     rendering = render(empty, small_capture.held_out[0].camera, (0.0, 0.5, 1.0), depth=True)

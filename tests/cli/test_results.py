@@ -163,6 +163,30 @@ def test_eval_knows_photographs_by_their_poses(
     assert json.loads((tmp_path / "a.json").read_text())["psnr"] == pytest.approx(record_of(result)["psnr"], abs=1e-6)
 
 
+def test_eval_of_a_capture_whose_poses_have_changed(
+    pocketgs: Callable[..., Any], capture_folder: Path, tmp_path: Path
+) -> None:
+    """The scene is in another world; figures would only seem to judge it."""
+    result, copy = tmp_path / "result", tmp_path / "copy"
+    assert pocketgs("train", capture_folder, "--output", result, "--iterations", 1, *PLAIN).status == 0
+    document = json.loads((capture_folder / "transforms.json").read_text())
+    for frame in document["frames"]:
+        frame["transform_matrix"][0][3] += 0.2
+    (capture_folder / "transforms.json").write_text(json.dumps(document))
+    shutil.copytree(capture_folder, copy)
+    outcome = pocketgs("eval", result, capture_folder)
+    assert outcome.status == 2
+    assert "toys have changed since this scene was trained" in outcome.errors
+    # Elsewhere it may be another capture in the world of the scene.
+    outcome = pocketgs("eval", result, copy)
+    assert outcome.status == 0
+    assert "warning: " in outcome.errors
+    assert "8 views have other poses than in its run" in outcome.errors
+    outcome = pocketgs("eval", result, copy, "--hold-out", 3)
+    assert outcome.status == 2
+    assert "was trained on 2 of the 3 views that are held out" in outcome.errors
+
+
 def test_eval_says_that_the_run_reduced_photographs(
     pocketgs: Callable[..., Any], result: Path, written_capture: Path, tmp_path: Path
 ) -> None:

@@ -47,6 +47,19 @@ print(json.dumps([sorted(seen), leftovers]))
 """
 
 
+@pytest.mark.parametrize("part", ["a", "ä", "写", "🏠", "[1]"])
+def test_names_as_long_as_the_file_system_takes(tmp_path: Path, part: str) -> None:
+    """Those of temporary files are no longer, and still tell whose leftovers they are."""
+    path = tmp_path / f"{part * (251 // len(part.encode()))}.jpg"
+    with replacing(path) as partial:
+        partial.write_bytes(b"new")
+    assert path.read_bytes() == b"new"
+    partial.touch()
+    (tmp_path / "other.jpg").touch()
+    remove_leftovers(path)
+    assert sorted(item.name for item in tmp_path.iterdir()) == sorted([path.name, "other.jpg"])
+
+
 def test_new_and_replaced(tmp_path: Path) -> None:
     path = tmp_path / "a.txt"
     for content in ("one", "two"):

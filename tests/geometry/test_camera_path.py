@@ -123,6 +123,19 @@ def test_orbit_of_cameras_that_look_straight_down() -> None:
     assert all(camera.forward @ [0, 0, -1] > 0.99 for camera in made)
 
 
+@pytest.mark.parametrize("headings", [(0, 0.3, -0.3), (0, 1.5, 3), (0, 0.1, 0.2)])
+@pytest.mark.parametrize("count", [12, 30])
+def test_orbit_above_a_capture_from_overhead(headings: tuple[float, ...], count: int) -> None:
+    """A drone's photographs in a line: the orbit is as high as they are, and does not reach the point above them."""
+    cameras = []
+    for x, heading in zip((-10, 0, 10), headings, strict=True):
+        eye, heading_vector = np.array([x, 0, 50.0]), np.array([np.cos(heading), np.sin(heading), 0])
+        cameras.append(Camera(64, 48, 60.0, 60.0, 32.0, 24.0, look_at(eye, eye - [0, 0, 50], heading_vector)))
+    made = orbit(cameras, count)
+    assert len(made) == count
+    assert all(camera.forward @ [0, 0, -1] > 0.9 for camera in made)
+
+
 def test_orbit_of_outward_cameras_goes_through_them() -> None:
     outwards = [camera_at(camera.centre, 2 * camera.centre - TARGET) for camera in ring(np.arange(6.0))]
     made = orbit(outwards, 12)

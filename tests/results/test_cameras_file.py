@@ -15,7 +15,8 @@ from hypothesis import strategies as st
 
 from pocketgs import Capture, PocketGSError
 from pocketgs.capture.capture import Frame
-from pocketgs.results.cameras_file import read_cameras, with_poses_of, write_cameras
+from pocketgs.files.manifest import MANIFEST, PRIVATE, Manifest, source_of
+from pocketgs.results.cameras_file import SavedCameras, read_cameras, with_poses_of, write_cameras
 
 
 def moved(frames: list[Frame]) -> list[Frame]:
@@ -77,6 +78,37 @@ def test_a_capture_that_was_posed_anew(small_capture: Capture, tmp_path: Path) -
     assert [saved.shows(frame) for frame in moved(small_capture.frames)] == [False] + [True] * 7
     # Another capture of the same place may have photographs of the same names.
     assert with_poses_of(small_capture, tmp_path / "cameras.json") is small_capture
+
+
+def test_the_runs_capture_with_other_poses(small_capture: Capture, tmp_path: Path) -> None:
+    """It is known by its place, and may be named by its folder or by the file in it."""
+    result, toys = tmp_path / "result", tmp_path / "toys"
+    for folder in (result / PRIVATE, toys):
+        folder.mkdir(parents=True)
+    (toys / "transforms.json").touch()
+    (result / MANIFEST).write_text(Manifest(source=source_of(toys)).encoded())
+    write_cameras(result / "cameras.json", moved(small_capture.frames), refined=False)
+    for path in (toys, toys / "transforms.json"):
+        with pytest.raises(PocketGSError, match=r"the poses of .*toys.* have changed since this scene was trained"):
+            with_poses_of(replace(small_capture, path=path), result / "cameras.json")
+    elsewhere = replace(small_capture, path=tmp_path)
+    assert with_poses_of(elsewhere, result / "cameras.json") is elsewhere
+
+
+def test_a_turn_on_the_spot_is_known_up_to_rounding(small_capture: Capture) -> None:
+    """Its cameras' spread is rounding, and so are the differences of poses that were written by another program."""
+    frames = []
+    for number, frame in enumerate(small_capture.frames):
+        pose = frame.camera.world_to_camera.copy()
+        pose[:3, 3] = -pose[:3, :3] @ (np.array([3.0, -2.0, 5.0]) + 1e-15 * number)
+        frames.append(replace(frame, camera=replace(frame.camera, world_to_camera=pose)))
+    saved = SavedCameras({frame.name: frame.camera for frame in frames}, refined=False)
+    for frame in frames:
+        pose = frame.camera.world_to_camera.copy()
+        pose[:3, 3] += 1e-11
+        assert saved.shows(replace(frame, camera=replace(frame.camera, world_to_camera=pose)))
+        pose[:3, 3] += 0.1
+        assert not saved.shows(replace(frame, camera=replace(frame.camera, world_to_camera=pose)))
 
 
 @pytest.mark.parametrize(

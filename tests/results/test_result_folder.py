@@ -15,12 +15,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
-from pocketgs.capture import list_capture
+from pocketgs.capture import Capture, list_capture
+from pocketgs.capture.capture import Frame
 from pocketgs.errors import PocketGSError
 from pocketgs.files.memory_bound import memory_bound
 from pocketgs.files.plain_names import plain_names
-from pocketgs.results.checkpoint import CHECKPOINT, UNFINISHED, read_checkpoint, write_checkpoint
+from pocketgs.results.checkpoint import CHECKPOINT, TRAINING_CAMERAS, UNFINISHED, read_checkpoint, write_checkpoint
 from pocketgs.results.folder import claimed_for_run, publishing, write_json, write_side_by_side
+from pocketgs.results.identity import digest_of_cameras
 from pocketgs.results.reporter import Reporter
 from pocketgs.results.run import run
 from pocketgs.scene.gaussians import PARAMETERS, SH_COEFFICIENTS, Gaussians
@@ -182,6 +184,31 @@ def test_checkpoint_of_another_run(tmp_path: Path, checkpoint: Checkpoint, run: 
     write_checkpoint(tmp_path / CHECKPOINT, checkpoint, RUN)
     with pytest.raises(PocketGSError, match="belongs to a run with"):
         read_checkpoint(tmp_path, run)
+
+
+def test_older_checkpoints_know_no_cameras(tmp_path: Path, checkpoint: Checkpoint) -> None:
+    write_checkpoint(tmp_path / CHECKPOINT, checkpoint, RUN)
+    assert read_checkpoint(tmp_path, {**RUN, TRAINING_CAMERAS: "a"}).iteration == checkpoint.iteration
+    write_checkpoint(tmp_path / CHECKPOINT, checkpoint, {**RUN, TRAINING_CAMERAS: "b"})
+    with pytest.raises(PocketGSError, match="belongs to a run on other photographs, or on other poses"):
+        read_checkpoint(tmp_path, {**RUN, TRAINING_CAMERAS: "a"})
+
+
+@pytest.mark.parametrize("unit", [1.0, 1000.0])
+def test_cameras_that_differ_by_rounding_are_the_same(small_capture: Capture, unit: float) -> None:
+    def frames(rounding: float, farther: float = 0.0) -> list[Frame]:
+        generator, found = np.random.default_rng(0), []
+        for frame in small_capture.train:
+            pose = frame.camera.world_to_camera.copy()
+            pose[:3, 3] = unit * (pose[:3, 3] + farther)
+            pose[:3] *= 1 + rounding * generator.uniform(-1, 1, (3, 4))
+            found.append(replace(frame, camera=replace(frame.camera, world_to_camera=pose)))
+        return found
+
+    digest = digest_of_cameras(frames(0))
+    assert digest_of_cameras(frames(1e-15)) == digest
+    assert digest_of_cameras(frames(0, 1e-4)) != digest
+    assert digest_of_cameras(frames(0)[::-1]) != digest
 
 
 def test_checkpoint_cut_off(tmp_path: Path, checkpoint: Checkpoint) -> None:

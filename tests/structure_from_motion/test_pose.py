@@ -27,6 +27,7 @@ from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera
 from pocketgs.results.video import write_video
 from pocketgs.structure_from_motion import attempts
+from pocketgs.structure_from_motion.images import source_files
 from pocketgs.structure_from_motion.options import PoseOptions
 from pocketgs.structure_from_motion.photographs import Photograph
 from pocketgs.structure_from_motion.pose import STAGES, pose, posed
@@ -182,6 +183,16 @@ def test_a_failure_inside_colmap_is_one_line(tmp_path: Path) -> None:
         run_colmap("colmap", job, tmp_path / "log.txt", lambda stage: None)
 
 
+def test_a_failure_on_a_full_disk_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    job = {"database": str(tmp_path / "none" / "features.db"), "seed": 0, "cameras": []}
+    full = shutil.disk_usage(tmp_path)._replace(free=1_200_000)
+    monkeypatch.setattr(shutil, "disk_usage", lambda folder: full)
+    with pytest.raises(
+        PocketGSError, match=r"^COLMAP failed \(.+\): the disk that holds .* is full \(1\.2 MB are free\)"
+    ):
+        run_colmap("colmap", job, tmp_path / "log.txt", lambda stage: None)
+
+
 @pytest.mark.usefixtures("colmap_outcome")
 @pytest.mark.parametrize("foreign", ["scene.ply", "images/0.jpg", "posed.json"])
 def test_output_with_something_else_in_it(
@@ -198,6 +209,38 @@ def test_output_with_something_else_in_it(
     with pytest.raises(PocketGSError, match="photographs: holds"):
         pose(photographs, photographs)
     assert contents(tmp_path) == before
+
+
+@pytest.mark.usefixtures("colmap_outcome")
+@pytest.mark.parametrize("mine", ["masks/0.jpg.png", "images/notes.txt", "sparse/0/project.ini"])
+def test_files_of_the_users_are_not_deleted_with_an_earlier_result(
+    photographs: Path, tmp_path: Path, contents: Callable[[Path], dict[str, bytes]], mine: str
+) -> None:
+    output = tmp_path / "output"
+    pose(photographs, output)
+    (output / mine).parent.mkdir(exist_ok=True)
+    (output / mine).write_text("mine")
+    before = contents(output)
+    with pytest.raises(PocketGSError, match=rf"output/{mine}: was not written by pocketgs.*; move it away, or choose"):
+        pose(photographs, output)
+    assert contents(output) == before
+    # Earlier versions wrote no list: only what lies beside their folders is known to be the user's.
+    record = json.loads((output / "posed.json").read_text())
+    del record["written"]
+    (output / "posed.json").write_text(json.dumps(record))
+    pose(photographs, output)
+    assert not (output / mine).exists()
+
+
+@pytest.mark.usefixtures("colmap_outcome")
+def test_files_of_file_browsers_are_nobodys(photographs: Path, tmp_path: Path) -> None:
+    output = tmp_path / "output"
+    output.mkdir()
+    for _ in range(2):
+        (output / ".DS_Store").touch()
+        pose(photographs, output)
+        (output / "images" / "Thumbs.db").touch()
+    assert sorted(path.name for path in output.iterdir()) == ["images", "posed.json", "sparse"]
 
 
 @pytest.mark.parametrize("nested", [False, True])
@@ -254,6 +297,26 @@ def test_a_posed_capture_is_used_again_until_its_source_changes(
     os.utime(photographs / "1.jpg", (0, 0))
     with pytest.raises(PocketGSError, match="whose package pycolmap"):
         posed(photographs, folder)
+
+
+@pytest.mark.usefixtures("colmap_outcome")
+def test_a_posed_capture_without_its_images_is_made_anew(photographs: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "result" / "posed"
+    posed(photographs, folder)
+    shutil.rmtree(folder / "images")
+    posed(photographs, folder)
+    assert len(open_capture(folder).frames) == 4
+
+
+@pytest.mark.usefixtures("colmap_outcome")
+def test_a_posed_capture_beside_the_photographs_is_none_of_them(photographs: Path, tmp_path: Path) -> None:
+    """As on a camera's card, where the photographs lie as deep as the capture's copies of them."""
+    card = tmp_path / "card"
+    (card / "DCIM").mkdir(parents=True)
+    photographs.rename(card / "DCIM" / "100APPLE")
+    for _ in range(2):
+        assert pose(card, card / "posed").frames == 4
+    assert source_files(card)[0].parent.name == "100APPLE"
 
 
 @pytest.mark.usefixtures("colmap_outcome")

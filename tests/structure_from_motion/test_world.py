@@ -112,3 +112,15 @@ def test_places_in_local_metres() -> None:
     np.testing.assert_allclose(metres[1] - metres[0], [0, 0, 30.95], atol=0.02)
     np.testing.assert_allclose(metres[3] - metres[0], [15.5, -20, 0], atol=0.05)
     assert local_metres([places[0], None, places[1]]) is None
+
+
+def test_places_on_both_sides_of_the_180th_meridian() -> None:
+    """They are as far apart as others of these latitudes and differences of longitude."""
+    west = [(-16.8, 139.9999, 10.0), (-16.8001, 140.0001, 12.0), (-16.8, 140.0003, 10.0), (-16.8, 139.9998, 10.0)]
+    across = [(latitude, (longitude + 40 + 180) % 360 - 180, altitude) for latitude, longitude, altitude in west]
+    assert min(longitude for _, longitude, _ in across) < 0
+    for places in (across, across[1:]):
+        found, expected = local_metres(places), local_metres(west[len(west) - len(places) :])
+        assert found is not None
+        assert expected is not None
+        np.testing.assert_allclose(found, expected, atol=1e-3)

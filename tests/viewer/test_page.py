@@ -517,4 +517,8 @@ def test_dropped_files_are_shown(browser: Browser, url: str, scene: Gaussians, t
             visit["#open"].click()
         chooser.value.set_files(broken)
         expect(visit["#title"]).to_have_text("dropped.ply")
+        assert visit.page.title() == "dropped.ply – PocketGS"
+        with visit.page.expect_download() as download:
+            visit["#screenshot"].click()
+        assert download.value.suggested_filename == "dropped.ply.png"
         assert visit.complaints == []

@@ -26,7 +26,8 @@ from pocketgs.splat.webgpu.variant import Variant
 from pocketgs.viewer.access import Access, is_same_origin
 from pocketgs.viewer.content import Content, capture_views, looked_at
 from pocketgs.viewer.live import LiveRun
-from pocketgs.viewer.scene_content import previews_in, with_transients
+from pocketgs.viewer.routes import send_json
+from pocketgs.viewer.scene_content import previews_in, scene_content, with_transients
 from pocketgs.viewer.server import Page, serving
 from viewer.client import fetch, origin_of
 
@@ -59,6 +60,20 @@ def content(folder: Path, small_capture: Capture) -> Content:
 def page(content: Content) -> Iterator[Page]:
     with serving(content) as page:
         yield page
+
+
+@pytest.mark.parametrize("broken", [1, 3])
+def test_gaussians_that_are_not_finite_leave_a_page(tmp_path: Path, broken: int) -> None:
+    """It turns about the middle of the others; NaN would be no JSON."""
+    scene = Gaussians(*(np.zeros((3, *tail)) for tail in ((3,), (3,), (4,), (), (1, 3))))
+    scene.means[:] = [1, 2, 3]
+    scene.means[:broken, 1] = np.nan
+    scene.save(tmp_path / "toys.ply")
+    with serving(scene_content("toys", tmp_path / "toys.ply", scene, None, None)) as page:
+        told = fetch(page.url, "viewer.json").json
+    assert told["target"] == ([1, 2, 3] if broken == 1 else [0, 0, 0])
+    with pytest.raises(ValueError, match="JSON"):
+        send_json({"target": [np.nan]})
 
 
 def test_what_the_page_is_told(page: Page, content: Content, small_capture: Capture) -> None:

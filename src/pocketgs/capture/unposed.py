@@ -9,6 +9,8 @@ from pocketgs.capture.video_file import VIDEO_SUFFIXES
 from pocketgs.files.paths import is_folder_of_photographs, list_images
 
 USUAL_FOLDER = "images"
+POSED_RECORD = "posed.json"
+"""Name of the record of how this package has found a capture's poses, in the capture's folder."""
 
 
 def is_video(path: Path) -> bool:
@@ -51,8 +53,9 @@ def _in_folders(folder: Path) -> dict[Path, list[Path]]:
 
 
 def _inner(folder: Path) -> list[Path]:
-    """The folders in a folder that may hold photographs."""
-    return [path for path in sorted(folder.iterdir()) if is_folder_of_photographs(path)] if folder.is_dir() else []
+    """The folders in a folder that may hold photographs. Captures that `pocketgs pose` made hold copies of some."""
+    inner = sorted(folder.iterdir()) if folder.is_dir() else []
+    return [path for path in inner if is_folder_of_photographs(path) and not (path / POSED_RECORD).is_file()]
 
 
 def videos_in(folder: Path) -> list[Path]:

@@ -18,7 +18,7 @@ from pocketgs.cli.terminal import Terminal
 from pocketgs.errors import PocketGSError
 from pocketgs.files.memory_bound import memory_bound
 from pocketgs.files.plain_names import plain_names
-from pocketgs.results.folder import publishing, write_json
+from pocketgs.results.folder import publishing_pictures, write_json
 from pocketgs.results.held_out import evaluate_held_out
 from pocketgs.splat.engine import EngineOptions
 
@@ -55,7 +55,7 @@ def evaluate(
         )
     check_unseen(scene, opened)
     names = [f"{name}.png" for name in plain_names(frame.name for frame in opened.held_out)]
-    with publishing(pictures, names) if pictures else nullcontext() as staging:
+    with publishing_pictures(pictures, names) if pictures else nullcontext() as staging:
         evaluation = evaluate_held_out(renderer, opened, staging)
     assert evaluation is not None
     console.say(*capture_lines(opened))

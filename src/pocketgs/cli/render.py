@@ -22,7 +22,7 @@ from pocketgs.files.memory_bound import memory_bound
 from pocketgs.files.paths import IMAGE_SUFFIXES
 from pocketgs.files.plain_names import plain_names
 from pocketgs.geometry.camera import Camera
-from pocketgs.results.folder import publishing
+from pocketgs.results.folder import publishing_pictures
 from pocketgs.results.video import write_video
 from pocketgs.splat.engine import EngineOptions, Rendering
 
@@ -130,6 +130,6 @@ def _picture(rendering: Rendering, show: Show) -> np.ndarray:
 
 
 def _write_pictures(folder: Path, names: list[str], pictures: Iterator[np.ndarray]) -> None:
-    with publishing(folder, [f"{name}.png" for name in names]) as staging:
+    with publishing_pictures(folder, [f"{name}.png" for name in names]) as staging:
         for name, picture in zip(names, pictures, strict=True):
             Image.fromarray(picture).save(staging / f"{name}.png")

@@ -14,6 +14,9 @@ from pocketgs.errors import PocketGSError
 RANDOM_DIGITS = 8
 """Of the hexadecimal number in the name of a temporary file."""
 
+MAX_NAME_BYTES = 255
+"""Longest file name on the usual file systems."""
+
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
@@ -26,7 +29,7 @@ def replacing(path: Path) -> Iterator[Path]:
     """
     if not path.name:
         raise PocketGSError(f"{path}: is a folder, expected the name of a file")
-    partial = path.with_name(f".{path.stem}.{uuid.uuid4().hex[:RANDOM_DIGITS]}.partial{path.suffix}")
+    partial = path.with_name(f".{_short_stem(path)}.{uuid.uuid4().hex[:RANDOM_DIGITS]}.partial{path.suffix}")
     try:
         yield partial
         # The rename may reach the disk before the content: a power cut would leave an empty file.
@@ -44,5 +47,13 @@ def replacing(path: Path) -> Iterator[Path]:
 def remove_leftovers(path: Path) -> None:
     """Delete the temporary files that killed processes have left beside `path`."""
     digits = "[0-9a-f]" * RANDOM_DIGITS  # a * would also match the temporary files of NAME.v2 for NAME
-    for leftover in path.parent.glob(f".{escape(path.stem)}.{digits}.partial{escape(path.suffix)}"):
+    for leftover in path.parent.glob(f".{escape(_short_stem(path))}.{digits}.partial{escape(path.suffix)}"):
         leftover.unlink(missing_ok=True)
+
+
+def _short_stem(path: Path) -> str:
+    """The part of a file's stem that the names of its temporary files begin with: the names may be no longer."""
+    stem, rest = path.stem, f"..{'0' * RANDOM_DIGITS}.partial{path.suffix}"
+    while stem and len(os.fsencode(stem + rest)) > MAX_NAME_BYTES:
+        stem = stem[:-1]
+    return stem

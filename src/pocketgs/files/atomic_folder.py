@@ -5,11 +5,14 @@ from __future__ import annotations
 import os
 import shutil
 import tempfile
+import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from glob import escape
 from pathlib import Path
 
+from pocketgs.errors import PocketGSError
+from pocketgs.files.journal import KEPT
 from pocketgs.files.lock import locked
 from pocketgs.system.interrupt import deferred_interrupt
 
@@ -28,10 +31,14 @@ def replacing_folder(folder: Path) -> Iterator[tuple[Path, Path]]:
     earlier content aside, the next writer moves it back.
 
     Raises:
-        InUseError: another process is writing the folder.
+        PocketGSError: the folder is a mount point, or the complete content cannot be moved there; it is kept beside the
+            folder then. As `InUseError` if another process is writing the folder.
         OSError: the folder cannot be written.
     """
     folder = folder.resolve()
+    if os.path.ismount(folder):
+        found = "is a mount point, such as a volume of a container, and cannot be replaced"
+        raise PocketGSError(f"{folder}: {found}; expected a folder in it, such as {folder / 'capture'}")
     made = [path for path in folder.parents if not path.exists()]
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
@@ -52,7 +59,11 @@ def _replacing(folder: Path) -> Iterator[tuple[Path, Path]]:
         workspace.mkdir()
         yield staging, workspace
         with deferred_interrupt():
-            _swap(staging, folder, temporary / OLD)
+            try:
+                _swap(staging, folder, temporary / OLD)
+            except OSError as error:
+                kept, reason = _keep(staging, folder), error.strerror or error
+                raise PocketGSError(f"{folder}: cannot be written ({reason}); the new content is in {kept}") from error
     finally:
         if not _is_half_swapped(temporary, folder):
             shutil.rmtree(temporary, ignore_errors=True)
@@ -69,6 +80,13 @@ def _clear_leftovers(folder: Path) -> None:
 def _is_half_swapped(temporary: Path, folder: Path) -> bool:
     """Whether the earlier content of `folder` was moved aside and nothing has replaced it."""
     return (temporary / OLD).is_dir() and not os.path.lexists(folder)
+
+
+def _keep(new: Path, folder: Path) -> Path:
+    """Move complete content to a folder of its own beside the one that it cannot replace."""
+    kept = folder.with_name(f"{folder.name}.{KEPT}{uuid.uuid4().hex[:8]}")
+    os.replace(new, kept)
+    return kept
 
 
 def _swap(new: Path, folder: Path, old: Path) -> None:

@@ -15,6 +15,8 @@ from pocketgs.geometry.camera_geometry import focus_point, looks_at, upward
 
 SURROUNDED_BELOW_GAP = np.radians(120)
 MIN_SWAY = np.radians(2)
+HIGHEST = np.radians(89)
+"""Maximum elevation of an orbit's cameras: straight above the focus, none of their directions is upward."""
 WRAPPED_KEYS = 3
 
 
@@ -27,6 +29,7 @@ def orbit(cameras: Sequence[Camera], count: int, focus: np.ndarray | None = None
       their mean elevation;
     - if they face one way, an ellipse about their mean direction, as wide and as high as they are spread (at least 2
       degrees, so that a single camera also moves);
+    - in both cases at most 89 degrees above or below the focus;
     - if they look outwards, so that there is no subject to circle, the path through the cameras themselves.
 
     Args:
@@ -57,6 +60,7 @@ def orbit(cameras: Sequence[Camera], count: int, focus: np.ndarray | None = None
     else:
         azimuths = azimuth.mean() + _sway(azimuth) * np.sin(turn)
         elevations = elevation.mean() + _sway(elevation) * np.cos(turn)
+    elevations = np.clip(elevations, -HIGHEST, HIGHEST)
     flat = np.cos(elevations)
     directions = np.stack([flat * np.cos(azimuths), flat * np.sin(azimuths), np.sin(elevations)], axis=1)
     eyes = target + distance.mean() * directions @ frame

@@ -12,17 +12,22 @@ from typing import Any
 import numpy as np
 
 from pocketgs.capture.capture import Capture, Frame
+from pocketgs.capture.open import is_transforms_file
 from pocketgs.capture.origin import Origin, with_origin
 from pocketgs.errors import PocketGSError, clipped
 from pocketgs.files.atomic_file import replacing
 from pocketgs.files.journal import settle
 from pocketgs.files.json_fields import read_json
+from pocketgs.files.manifest import read_manifest, source_of
 from pocketgs.geometry.camera import Camera
 from pocketgs.geometry.lens import PINHOLE, Lens
 from pocketgs.results.folder import POSED
 
 SAME_POSE = 1e-4
 """Maximum difference of rotations' elements, and of positions relative to the cameras' spread, by rounding."""
+
+ONE_PLACE = 1e-6
+"""Cameras that are spread by less, relative to their distance from the origin, are in one place."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +47,9 @@ class SavedCameras:
     @cached_property
     def _spread(self) -> float:
         centres = np.array([camera.centre for camera in self.cameras.values()])
-        return max(float(np.ptp(centres, axis=0).max()), np.finfo(np.float64).tiny)
+        # Centres in one place, as of a turn on the spot, are spread by rounding alone.
+        rounding = ONE_PLACE * float(np.abs(centres).max())
+        return max(float(np.ptp(centres, axis=0).max()), rounding, np.finfo(np.float64).tiny)
 
     @cached_property
     def _camera_to_world(self) -> np.ndarray:
@@ -62,6 +69,10 @@ class SavedCameras:
     def shows(self, frame: Frame) -> bool:
         """Whether a frame's camera is here, by its name and its pose. Others may have photographs of the same names."""
         return frame.name in self.at_pose_of(frame)
+
+    def moved(self, frames: Sequence[Frame]) -> list[str]:
+        """Names of the frames that have other poses than the cameras of these names."""
+        return [frame.name for frame in frames if frame.name in self.cameras and not self.shows(frame)]
 
 
 def write_cameras(path: Path, frames: Sequence[Frame], refined: bool, origin: Origin = (0.0, 0.0, 0.0)) -> None:
@@ -112,13 +123,13 @@ def with_poses_of(capture: Capture, path: Path) -> Capture:
     size.
 
     Raises:
-        PocketGSError: the file cannot be read, or names no frame of the capture, or the capture lies in the result's
-            folder and has other poses than when the file was written.
+        PocketGSError: the file cannot be read, or names no frame of the capture, or the capture is the one that it was
+            written for, judging by its place, and has other poses than then.
     """
     saved = read_cameras(path)
     capture = with_origin(capture, saved.origin)
     if not saved.refined:
-        if capture.path.resolve().is_relative_to(path.parent.resolve() / POSED):
+        if _was_made_of(path.parent, capture):
             _require_same_poses(capture, saved, path)
         return capture
     if not any(frame.name in saved.cameras for frame in capture.frames):
@@ -135,13 +146,20 @@ def with_poses_of(capture: Capture, path: Path) -> Capture:
     return capture.with_refined_poses(posed)
 
 
+def _was_made_of(result: Path, capture: Capture) -> bool:
+    """Whether a result was made of a capture, by its place. Another may have photographs of the same names."""
+    place = capture.path.resolve()
+    source = source_of(place.parent if is_transforms_file(place) else place)
+    return place.is_relative_to(result.resolve() / POSED) or read_manifest(result).source == source
+
+
 def _require_same_poses(capture: Capture, saved: SavedCameras, path: Path) -> None:
-    """Refuse a capture that was posed anew, by a run that then failed: it is in another world than the scene.
+    """Refuse a capture that was posed anew, such as by a run that then failed: it is in another world than the scene.
 
     Raises:
         PocketGSError: the poses differ by more than rounding.
     """
-    if moved := [frame.name for frame in capture.frames if frame.name in saved.cameras and not saved.shows(frame)]:
+    if moved := saved.moved(capture.frames):
         raise PocketGSError(
             f"{path}: the poses of {capture.path} have changed since this scene was trained, such as {moved[0]}, "
             "expected the same ones: train again"

@@ -31,6 +31,9 @@ SHRINK = "shrink"
 MAX_GAUSSIANS = "planned gaussians"
 """Key of the maximum number of Gaussians of the run."""
 
+TRAINING_CAMERAS = "training cameras"
+"""Key of the digest of the training views' names and poses, as the capture's files give them."""
+
 STATISTICS = tuple(field.name for field in fields(Statistics))
 
 SECONDS_BETWEEN_CHECKPOINTS = 60.0
@@ -165,10 +168,25 @@ def read_checkpoint(folder: Path, run: dict[str, Any]) -> Checkpoint:
         sums = getattr(statistics, name)
         if sums.shape != (len(gaussians),) or sums.dtype != np.float32:
             raise PocketGSError(f"{path}: its {name} are {sums.dtype} of shape {sums.shape}, not the scene's")
-    for key, value in run.items():
-        if written.get(key) != value:
-            raise PocketGSError(f"{path}: belongs to a run with {key} {written.get(key)!r}, but this one has {value!r}")
+    _require_same_run(path, written, run)
     return Checkpoint(iteration, gaussians, state, statistics, course, transients)
+
+
+def _require_same_run(path: Path, written: dict[str, Any], run: dict[str, Any]) -> None:
+    """Refuse to resume a run with other options, or on another capture.
+
+    Raises:
+        PocketGSError: something in `run` is not as it was written.
+    """
+    differing = {key: value for key, value in run.items() if written.get(key) != value}
+    other_cameras = differing.pop(TRAINING_CAMERAS, None)
+    for key, value in differing.items():
+        raise PocketGSError(f"{path}: belongs to a run with {key} {written.get(key)!r}, but this one has {value!r}")
+    if other_cameras and TRAINING_CAMERAS in written:  # older checkpoints have none
+        raise PocketGSError(
+            f"{path}: belongs to a run on other photographs, or on other poses of these; expected the capture that it "
+            "was trained on, or another --output without --resume"
+        )
 
 
 def _course(written: dict[str, Any]) -> Course:

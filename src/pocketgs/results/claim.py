@@ -7,7 +7,7 @@ import uuid
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 from pocketgs.capture.open import holds_capture
 from pocketgs.capture.unposed import USUAL_FOLDER, find_photographs_in
@@ -37,7 +37,8 @@ class Claim:
 
         Args:
             expected: files that the block must have written.
-            outdated: patterns of files of earlier runs to delete unless the block writes them anew.
+            outdated: patterns of files of earlier runs to delete unless the block writes them anew. They match the end
+                of a path in the folder, or all of it if they begin with /.
             precious: a file that took long to make. If the block fails after writing it, what is written by then is
                 kept in a folder `unpublished-*`, which the message names.
 
@@ -71,7 +72,7 @@ class Claim:
             if not (new / name).is_file():
                 raise PocketGSError(f"{new / name}: was written but is missing, expected nobody to change this folder")
         written = {name: digest_of(new / name) for name in files_below(new)}
-        going = {name for name in before.files if any(Path(name).match(pattern) for pattern in outdated)} - set(written)
+        going = _matching(before, outdated) - set(written)
         kept = {name: digest for name, digest in before.files.items() if name not in going}
         (new / MANIFEST).parent.mkdir()
         (new / MANIFEST).write_text(Manifest(kept | written, self.source or before.source).encoded(), encoding="utf-8")
@@ -79,7 +80,9 @@ class Claim:
 
 
 @contextmanager
-def claimed(folder: Path, names: Iterable[str] = (), source: str | None = None) -> Iterator[Claim]:
+def claimed(
+    folder: Path, names: Iterable[str] = (), source: str | None = None, outdated: Sequence[str] = ()
+) -> Iterator[Claim]:
     """Claim a folder before the work starts: check that a result can be written, and lock out other processes.
 
     What a killed process left half done there is completed or deleted. If the work fails, a newly created folder is
@@ -89,6 +92,7 @@ def claimed(folder: Path, names: Iterable[str] = (), source: str | None = None) 
         folder: created if needed.
         names: files that the work will write, as paths or patterns relative to the folder.
         source: see `Claim`.
+        outdated: patterns of files of earlier runs that the work will delete, as for `Claim.publishing`.
 
     Raises:
         PocketGSError: the folder cannot be created or written to, another process is writing to it, it holds a capture,
@@ -104,7 +108,7 @@ def claimed(folder: Path, names: Iterable[str] = (), source: str | None = None) 
             stack.enter_context(locked(folder / LOCK, folder))
             complete_pending(folder)
             remove_staging(folder)
-            _check_ours(folder, names)
+            _check_ours(folder, names, outdated)
         except OSError as error:
             raise PocketGSError(f"{folder}: cannot be written to ({error.strerror or error})") from error
         yield Claim(folder, source)
@@ -122,10 +126,16 @@ def _check_no_capture(folder: Path) -> None:
         raise PocketGSError(f"{folder}: holds a capture, expected another folder for the result")
 
 
-def _check_ours(folder: Path, names: Iterable[str]) -> None:
+def _check_ours(folder: Path, names: Iterable[str], outdated: Sequence[str]) -> None:
     # A pattern stands for the folder that its files are in.
     found = [path.relative_to(folder).as_posix() for name in names for path in folder.glob(name)]
-    read_manifest(folder).check_ours(folder, [*names, *found])
+    manifest = read_manifest(folder)
+    manifest.check_ours(folder, [*names, *found, *_matching(manifest, outdated)])
+
+
+def _matching(manifest: Manifest, patterns: Sequence[str]) -> set[str]:
+    """The files of a manifest that match one of the patterns; see `Claim.publishing`."""
+    return {name for name in manifest.files if any(PurePosixPath("/", name).match(pattern) for pattern in patterns)}
 
 
 def _kept(folder: Path, staging: Path, precious: str) -> Path | None:

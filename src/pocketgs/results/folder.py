@@ -11,7 +11,7 @@ import json
 import math
 import os
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -65,18 +65,28 @@ def claimed_for_run(folder: Path, source: str | None = None) -> Iterator[Claim]:
 
 
 @contextmanager
-def publishing(folder: Path, names: Iterable[str] = ()) -> Iterator[Path]:
+def publishing(folder: Path, names: Iterable[str] = (), outdated: Sequence[str] = ()) -> Iterator[Path]:
     """Claim a folder, yield an empty one to write to, and publish its content as one when the block succeeds.
 
     Args:
         folder: created if needed.
         names: files that the block will write, so that a file in the way is reported before the work.
+        outdated: patterns of files to delete if a command wrote them and the block does not, see `Claim.publishing`.
 
     Raises:
         PocketGSError: the folder cannot be used.
     """
-    with claimed(folder, names) as claim, claim.publishing() as staging:
+    with claimed(folder, names, outdated=outdated) as claim, claim.publishing(outdated=outdated) as staging:
         yield staging
+
+
+def publishing_pictures(folder: Path, names: Iterable[str]) -> AbstractContextManager[Path]:
+    """`publishing` for pictures with these names directly in a folder, in place of those of an earlier command.
+
+    Raises:
+        PocketGSError: as `publishing`.
+    """
+    return publishing(folder, names, ["/*.png"])
 
 
 def check_compressed(folder: Path) -> None:

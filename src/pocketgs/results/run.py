@@ -19,8 +19,6 @@ from pocketgs.results import folder as result_folder
 from pocketgs.results.cameras_file import write_cameras
 from pocketgs.results.checkpoint import (
     CHECKPOINT,
-    MAX_GAUSSIANS,
-    SHRINK,
     UNFINISHED,
     CheckpointSaver,
     read_checkpoint,
@@ -29,6 +27,7 @@ from pocketgs.results.checkpoint import (
 )
 from pocketgs.results.claim import Claim
 from pocketgs.results.held_out import check_comparable, evaluate_held_out
+from pocketgs.results.identity import identity_of
 from pocketgs.results.memory_trace import MemoryTrace
 from pocketgs.results.reporter import Reporter
 from pocketgs.results.summary import summarise
@@ -154,7 +153,7 @@ def _run(
     reporter.on_capture(capture)
     check_comparable(capture.held_out)
     session = _Session(claim, asked, plan, engine, stopwatch, memory, reporter)
-    identity = _identity(capture, asked, plan)
+    identity = identity_of(capture, asked, plan)
     checkpoint = _checkpoint(claim.folder, identity, asked) if resume else None
     prepared = prepare(capture, replace(asked, max_gaussians=plan.gaussians), stopwatch, devices)
     if prepared.report:
@@ -229,31 +228,6 @@ def _seconds_left(options: SizedOptions, plan: Plan) -> float | None:
     if options.time_budget is None:
         return None
     return options.time_budget - seconds_since_start() - (plan.reserve or 0.0)
-
-
-def _identity(capture: Capture, options: SizedOptions, plan: Plan) -> dict[str, Any]:
-    """What must be equal between a checkpoint and the run that resumes from it."""
-    return {
-        "capture": capture.name,
-        "protocol": capture.protocol,
-        "training views": len(capture.train),
-        "recipe": options.recipe,
-        "seed": options.seed,
-        "SH degree": options.sh_degree,
-        "prior": options.prior,
-        "bundle": options.bundle,
-        "source views": options.source_views,
-        "max keyframes": options.max_keyframes,
-        "exposure": options.exposure,
-        "max gaussians": options.max_gaussians,
-        "strategy": options.strategy,
-        SHRINK: plan.shrink,
-        MAX_GAUSSIANS: plan.gaussians,
-        "colours": options.colours,
-        "transients": options.transients,
-        # A run that trained as long as it paid may go on with a set length, but not the other way round.
-        **({"open ended": True} if options.open_ended else {}),
-    }
 
 
 def _publish(

@@ -132,6 +132,8 @@ class Rasterizer:
     ) -> None:
         if compositor not in COMPOSITORS:
             raise PocketGSError(f"rasterizer: found compositor {compositor!r}, expected {' or '.join(COMPOSITORS)}")
+        if threads is not None and threads < 1:
+            raise PocketGSError(f"threads: found {threads}, expected at least 1")
         if gpu is not None and engine != "webgpu":
             raise PocketGSError(f"rasterizer: found GPU {gpu!r} with engine {engine!r}, expected it with webgpu only")
         self._compositor = compositor

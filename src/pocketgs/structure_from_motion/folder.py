@@ -7,8 +7,9 @@ import os
 from pathlib import Path
 from typing import Any
 
-from pocketgs.capture.formats.colmap import POSED_RECORD
+from pocketgs.capture.unposed import POSED_RECORD
 from pocketgs.errors import PocketGSError
+from pocketgs.files.written_files import WRITTEN, check_only_written, somebodys
 
 IMAGES, MASKS, MODEL = "images", "masks", "sparse"
 
@@ -32,9 +33,23 @@ def check_replaceable(folder: Path) -> None:
         return
     if not folder.is_dir():
         raise PocketGSError(f"{folder}: is a file, expected a folder for the posed capture")
-    found = {path.name for path in folder.iterdir()}
-    foreign = found - {IMAGES, MASKS, MODEL, POSED_RECORD} if read_record(folder) is not None else found
+    record = read_record(folder)
+    found = somebodys(path.name for path in folder.iterdir())
+    foreign = found - {IMAGES, MASKS, MODEL, POSED_RECORD} if record is not None else found
     if foreign:
         raise PocketGSError(
             f"{folder}: holds {sorted(foreign)[0]}, expected an empty folder or an earlier result of pocketgs pose"
         )
+    check_only_written(folder, (record or {}).get(WRITTEN))
+
+
+def is_whole(folder: Path, record: dict[str, Any]) -> bool:
+    """Whether a posed capture still has its model, and the images that were placed.
+
+    Args:
+        folder: of the capture.
+        record: as `read_record` reads it.
+    """
+    placed = record.get("placed")
+    names = map(str, placed) if isinstance(placed, list) else ()
+    return (folder / MODEL).is_dir() and all((folder / IMAGES / name).is_file() for name in names)

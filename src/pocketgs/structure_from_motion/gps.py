@@ -23,6 +23,8 @@ def local_metres(places: Sequence[tuple[float, float, float] | None]) -> np.ndar
     if len(known) < 3:
         return None
     degrees = np.array([places[index] for index in known], dtype=np.float64)
+    # Beyond the 180th meridian longitudes go on at -180: their median would be on the other side of the Earth.
+    degrees[:, 1] = degrees[0, 1] + (degrees[:, 1] - degrees[0, 1] + 180) % 360 - 180
     middle = np.median(degrees, axis=0)
     latitude, longitude = np.radians(middle[:2])
     east = np.array([-np.sin(longitude), np.cos(longitude), 0.0])

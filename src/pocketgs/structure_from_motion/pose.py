@@ -8,14 +8,15 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from pocketgs.capture.formats.colmap import POSED_RECORD
 from pocketgs.capture.open import read_listing, video_of
-from pocketgs.capture.unposed import is_video
+from pocketgs.capture.unposed import POSED_RECORD, is_video
 from pocketgs.capture.unrecognised import unread_pictures
 from pocketgs.errors import PocketGSError, counted, listed
 from pocketgs.files.atomic_folder import replacing_folder
+from pocketgs.files.manifest import files_below
+from pocketgs.files.written_files import WRITTEN
 from pocketgs.structure_from_motion.attempts import place_all
-from pocketgs.structure_from_motion.folder import IMAGES, MASKS, MODEL, check_replaceable, read_record
+from pocketgs.structure_from_motion.folder import IMAGES, MASKS, MODEL, check_replaceable, is_whole, read_record
 from pocketgs.structure_from_motion.images import FEWEST, gather, headers_of, source_files, source_masks
 from pocketgs.structure_from_motion.options import PoseOptions
 from pocketgs.structure_from_motion.photographs import read_photographs
@@ -76,7 +77,7 @@ def pose(
         images_or_video: a folder with photographs, directly or in a folder `images`; a video file, or a folder with
             nothing but one.
         output: folder for the capture: `images/`, `sparse/0/`, `posed.json`, and `masks/` if photographs have masks. An
-            earlier one is kept until the new one is complete.
+            earlier one is kept until the new one is complete, and then deleted; one with files of yours is refused.
         options: None for the defaults.
         on_stage: called with one of `STAGES` when it begins; the last three may come more than once.
         on_count: called with the number of images or pairs of the stage that are done, and their total.
@@ -119,7 +120,8 @@ def pose(
                 raise PocketGSError(f"{source}: no poses found for {len(photographs)} images{why} ({found}): {ADVICE}")
             read_listing(staging)  # COLMAP may not report that the disk is full
             counts = {"frames": len(photographs), "damaged": damaged, "unplaced": unplaced, "features": features}
-            record = {**made_from, **outcome, **counts}
+            written = [*files_below(staging), POSED_RECORD]
+            record = {**made_from, **outcome, **counts, WRITTEN: written}
             (staging / POSED_RECORD).write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
     except OSError as error:
         raise PocketGSError(f"{output.resolve()}: cannot be written ({error.strerror or error})") from error
@@ -149,7 +151,7 @@ def posed(
     """The folder with the posed capture of photographs or a video; poses are found only if this was not done before.
 
     It is reused if it was made with the same options from photographs and masks of the same names, sizes and
-    modification times.
+    modification times, and its images are still there.
 
     Args:
         images_or_video: as for `pose`.
@@ -164,7 +166,7 @@ def posed(
     """
     made_from = _made_from(video_of(Path(images_or_video)), options or PoseOptions())
     record = read_record(Path(folder)) or {}
-    if not (made_from.items() <= record.items() and (Path(folder) / MODEL).is_dir()):
+    if not (made_from.items() <= record.items() and is_whole(Path(folder), record)):
         pose(images_or_video, folder, options, on_stage=on_stage, on_count=on_count, on_warning=on_warning)
     return Path(folder)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -20,6 +21,9 @@ from pocketgs.system.free_memory import free_memory
 
 # Measured for SIFT, which first doubles the image's size.
 BYTES_PER_PIXEL_AND_THREAD = 300
+
+ALMOST_NOTHING = 10_000_000
+"""Free bytes of a full disk: a write that fails leaves some."""
 
 
 def check_installed() -> None:
@@ -115,6 +119,14 @@ def run_side_by_side(
     return [outcomes[number] for number in range(len(jobs))]
 
 
+def _full_disk(folder: Path) -> str:
+    """What to add to a failure's message if a folder's disk is full, which COLMAP does not say; else nothing."""
+    free = shutil.disk_usage(folder).free
+    if free >= ALMOST_NOTHING:
+        return ""
+    return f": the disk that holds {folder.resolve()} is full ({free / 1e6:.1f} MB are free), expected more room there"
+
+
 class _Run:
     """The process of a job, as a context: an exception that leaves it ends the process."""
 
@@ -156,5 +168,5 @@ class _Run:
             said = self._log.read_text(encoding="utf-8", errors="replace").split("\n")
             status = f"status {self._process.returncode}"
             reason = next((line for line in reversed(said) if line.strip()), status)
-            raise PocketGSError(f"COLMAP failed ({reason.strip()})")
+            raise PocketGSError(f"COLMAP failed ({reason.strip()}){_full_disk(self._log.parent)}")
         return dict(self._outcome)

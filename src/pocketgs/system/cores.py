@@ -7,8 +7,6 @@ import os
 from functools import cache
 from pathlib import Path
 
-from pocketgs.errors import PocketGSError
-
 CONTROL_GROUPS = Path("/sys/fs/cgroup")
 
 
@@ -25,15 +23,9 @@ def usable_cores() -> int:
 
 
 def kernel_threads(asked: int | None) -> int:
-    """Number of kernel threads: as requested, or one per usable core; at most Numba's own limit.
-
-    Raises:
-        PocketGSError: fewer than one is requested.
-    """
+    """Number of kernel threads: as requested, or one per usable core; at most Numba's own limit."""
     import numba  # takes half a second to import, which reading a capture need not wait for
 
-    if asked is not None and asked < 1:
-        raise PocketGSError(f"threads: found {asked}, expected at least 1")
     return min(asked or usable_cores(), numba.config.NUMBA_NUM_THREADS)
 
 

@@ -257,8 +257,8 @@ def command_handler(run: LiveRun) -> Handler:
 
 
 def send_json(content: object) -> web.Response:
-    """A response with JSON."""
-    return web.Response(text=json.dumps(content), content_type="application/json")
+    """A response with JSON. NaN and infinity raise a ValueError: JSON has none, and no page could read them."""
+    return web.Response(text=json.dumps(content, allow_nan=False), content_type="application/json")
 
 
 def _open(path: Path) -> BinaryIO:

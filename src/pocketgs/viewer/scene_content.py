@@ -47,10 +47,16 @@ def scene_content(
     else:
         views = _views_of_result(result, record) if result else ()
         background = _background(record)
-    up, target = looked_at(views) if views else (UP, np.median(gaussians.means, axis=0).tolist())
+    up, target = looked_at(views) if views else (UP, _middle(gaussians.means))
     previews = previews_in(result) if result else {}
     views = with_transients(views, result) if result else views
     return Content(title, scene, background=background, views=views, up=up, target=target, previews=previews)
+
+
+def _middle(means: np.ndarray) -> list[float]:
+    """The median of (N, 3) positions; 0 if none is finite."""
+    finite = means[np.isfinite(means).all(axis=1)]
+    return [float(value) for value in np.median(finite, axis=0)] if len(finite) else [0.0, 0.0, 0.0]
 
 
 def previews_in(result: Path) -> dict[str, Path]:

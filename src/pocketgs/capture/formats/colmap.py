@@ -13,7 +13,7 @@ from pocketgs.capture.formats.colmap_images import holds_any, match_files
 from pocketgs.capture.formats.colmap_model import ColmapCamera, ColmapImage
 from pocketgs.capture.listing import FrameSource, Listing
 from pocketgs.capture.poses import camera_at, rotation_from_quaternion, world_to_camera_of
-from pocketgs.capture.unposed import USUAL_FOLDER
+from pocketgs.capture.unposed import POSED_RECORD, USUAL_FOLDER
 from pocketgs.errors import PocketGSError
 from pocketgs.files.paths import inside, relative_name
 
@@ -23,8 +23,6 @@ MODEL_FOLDERS = ("", "sparse/0", "sparse", "colmap/sparse/0", "colmap/sparse", "
 IMAGE_FOLDERS = (USUAL_FOLDER, "images_2", "images_4", "images_8", "rgb", "input", "photos")
 MODELS_BESIDE = ("", "sparse/0", "sparse")
 """Places of a model beside its own folder of images."""
-POSED_RECORD = "posed.json"
-"""Name of the record of how this package has found a capture's poses."""
 
 
 @dataclass(frozen=True)

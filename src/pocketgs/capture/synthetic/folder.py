@@ -18,6 +18,8 @@ from pocketgs.capture.synthetic.phone import Shot
 from pocketgs.capture.synthetic.recording import GroundTruth, check_sizes, frame_name, record
 from pocketgs.errors import PocketGSError
 from pocketgs.files.atomic_folder import replacing_folder
+from pocketgs.files.manifest import files_below
+from pocketgs.files.written_files import WRITTEN, check_only_written, somebodys
 from pocketgs.geometry.camera import Camera
 
 GENERATED, MADE_BY = "generated.json", "pocketgs demo"
@@ -42,16 +44,19 @@ def write_demo(folder: Path, width: int = 480, height: int = 360, frames: int = 
         frames: as in `demo_capture`.
 
     Raises:
-        PocketGSError: the folder holds anything but a demo, or cannot be written, or as `demo_capture`.
+        PocketGSError: the folder holds anything but a demo, or an older demo and other files, or cannot be written, or
+            as `demo_capture`.
     """
     check_sizes(width, height, frames)
     stamp = {"made_by": MADE_BY, "generator": _digest(), "width": width, "height": height, "frames": frames}
     try:
-        if _read_stamp(folder) == stamp and _is_whole(folder, frames):
+        before = _read_stamp(folder) or {}
+        if stamp.items() <= before.items() and _is_whole(folder, frames):
             return
+        check_only_written(folder, before.get(WRITTEN))
         with replacing_folder(folder) as (staging, _):
             _write(staging, width, height, frames)
-            _write_json(staging / GENERATED, stamp)
+            _write_json(staging / GENERATED, {**stamp, WRITTEN: [*files_below(staging), GENERATED]})
     except OSError as error:
         raise PocketGSError(f"{folder}: the demo cannot be written ({error.strerror or error})") from error
 
@@ -147,7 +152,7 @@ def _read_stamp(folder: Path) -> dict[str, Any] | None:
     Raises:
         PocketGSError: the folder is a file, or was not made by `write_demo`.
     """
-    if not folder.exists() or (folder.is_dir() and not any(folder.iterdir())):
+    if not folder.exists() or (folder.is_dir() and not somebodys(path.name for path in folder.iterdir())):
         return None
     try:
         stamp = json.loads((folder / GENERATED).read_text(encoding="utf-8"))

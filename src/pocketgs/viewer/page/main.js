@@ -29,8 +29,7 @@ async function start() {
     const opening = open();
     opening.catch(() => {});
     const viewer = await fetchViewer();
-    document.title = `${viewer.title} – PocketGS`;
-    document.getElementById("title").textContent = viewer.title;
+    showTitle(viewer.title);
     const points = new PointRenderer(document.getElementById("points"));
     const view = new SceneView(canvas, points, {
         onStatistics: showStatistics,
@@ -39,7 +38,7 @@ async function start() {
     });
     const cameras = new CaptureCameras(view);
     new PointerControls(canvas, view.camera, () => cameras.stopComparing());
-    connectToolbar(view, cameras, { title: viewer.title, onFault: showMessage });
+    connectToolbar(view, cameras, { onFault: showMessage });
     listenForFiles((file) => openFile(file, view, cameras));
     view.setBackground(viewer.background);
     cameras.setViews(viewer);
@@ -48,6 +47,11 @@ async function start() {
     }
     const loading = viewer.scene && load(viewer, view, cameras);
     await view.busyUntil(Promise.all([drawOnGpu(opening, open, viewer, view), loading]));
+}
+
+function showTitle(title) {
+    document.title = `${title} – PocketGS`;
+    document.getElementById("title").textContent = title;
 }
 
 async function fetchViewer() {
@@ -112,7 +116,7 @@ async function openFile(file, view, cameras) {
         const gaussians = await whileLoading(file.name, read);
         if (claim()) {
             cameras.frame(gaussians, USUAL_UP);
-            document.getElementById("title").textContent = file.name;
+            showTitle(file.name);
             warnOf(gaussians, file.name);
             await view.setScene(gaussians);
         }

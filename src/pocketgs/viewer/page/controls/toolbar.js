@@ -19,9 +19,9 @@ const APPEARANCES = ["splats", "points", "discs", "depth"];
  *
  * @param {SceneView} view
  * @param {CaptureCameras} cameras
- * @param {{title: string, onFault: (text: string) => void}} options
+ * @param {{onFault: (text: string) => void}} options
  */
-export function connectToolbar(view, cameras, { title, onFault }) {
+export function connectToolbar(view, cameras, { onFault }) {
     const help = document.getElementById("help");
     const actions = {
         previous: () => cameras.go(-1),
@@ -29,7 +29,7 @@ export function connectToolbar(view, cameras, { title, onFault }) {
         reset: () => cameras.reset(),
         "compare-button": () => cameras.compare(),
         background: () => view.changeBackground(),
-        screenshot: () => savePicture(view, title).catch((error) => onFault(error.message)),
+        screenshot: () => savePicture(view).catch((error) => onFault(error.message)),
         "full-screen": () => toggleFullScreen(),
         "help-button": () => {
             help.showModal();
@@ -75,6 +75,7 @@ function toggleFullScreen() {
     return document.fullscreenElement ? document.exitFullscreen() : document.documentElement.requestFullscreen();
 }
 
-async function savePicture(view, title) {
+async function savePicture(view) {
+    const title = document.getElementById("title").textContent; // of the scene that is shown now
     await save(await view.photograph(), `${title}.png`);
 }
