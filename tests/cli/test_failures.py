@@ -56,7 +56,7 @@ def refused(
         (["--downscale", "1000"], "cannot be downscaled by 1000"),
         (["--max-size", "0"], "max_size 0, expected at least 1"),
         (["--background", "0", "0", "2"], "background: found (0.0, 0.0, 2.0), expected three numbers from 0 to 1"),
-        (["--hold-out", "1"], "one of 1 frames held out, expected 0 (none) or at least 2"),
+        (["--hold-out", "1"], "held out every 1 frames, expected at least 2, or 0 for none"),
         (["--images", "images_99"], "images_99: no such folder, expected one with the images that"),
         # Too small for SSIM: to be found out before training, not after.
         (["--max-size", "10"], "a held-out view of 10x8 pixels, expected at least 11"),
@@ -140,7 +140,7 @@ def test_one_training_view_gives_the_reference_recipe_no_length(
     ("options", "message"),
     [
         (["--images", "hires"], "has no poses, so that --images hires has nothing to choose from"),
-        (["--hold-out", "1"], "one of 1 frames held out, expected 0 (none) or at least 2"),
+        (["--hold-out", "1"], "held out every 1 frames, expected at least 2, or 0 for none"),
         (["--downscale", "0.5"], "downscale 0.5, expected a factor of at least 1"),
     ],
 )

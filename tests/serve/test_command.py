@@ -53,7 +53,7 @@ def test_serve_until_ctrl_c(tmp_path: Path) -> None:
         (["--port", "70000", "--no-host"], "port 70000: found 70000"),
         (["--iterations", "0"], "iterations: found 0"),
         (["--downscale", "0.5"], "downscale 0.5, expected a factor of at least 1"),
-        (["--hold-out", "1"], "one of 1 frames held out, expected 0 (none) or at least 2"),
+        (["--hold-out", "1"], "held out every 1 frames, expected at least 2, or 0 for none"),
         (["--engine", "cpu", "--gpu", "voodoo"], "gpu 'voodoo': not used by engine cpu"),
     ],
 )

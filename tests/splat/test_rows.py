@@ -128,6 +128,15 @@ def test_changes_of_another_scene_are_refused(change: RowChange, message: str) -
     assert_identical(store.scene, scene)
 
 
+def test_changes_may_be_given_as_lists() -> None:
+    scene, state = numbered(3)
+    store = ParameterStore(scene, state)
+    values = {"means": ([], np.zeros((0, 3))), "quaternions": ([1], [[2.0, 0.0, 0.0, 0.0]])}
+    store.change_rows(RowChange.of_values(3, values))
+    assert_identical(replace(store.scene, quaternions=scene.quaternions), scene)
+    assert store.scene.quaternions[1].tolist() == [1.0, 0.0, 0.0, 0.0]
+
+
 @pytest.mark.parametrize("failing", range(8))
 def test_a_scene_that_outgrows_memory_stays(
     make_gaussians: MakeGaussians, monkeypatch: pytest.MonkeyPatch, failing: int

@@ -239,7 +239,8 @@ def test_files_of_file_browsers_are_nobodys(photographs: Path, tmp_path: Path) -
     for _ in range(2):
         (output / ".DS_Store").touch()
         pose(photographs, output)
-        (output / "images" / "Thumbs.db").touch()
+        for name in ("Thumbs.db", "._0.jpg"):
+            (output / "images" / name).touch()
     assert sorted(path.name for path in output.iterdir()) == ["images", "posed.json", "sparse"]
 
 
@@ -300,10 +301,14 @@ def test_a_posed_capture_is_used_again_until_its_source_changes(
 
 
 @pytest.mark.usefixtures("colmap_outcome")
-def test_a_posed_capture_without_its_images_is_made_anew(photographs: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("lost", ["images", "sparse", "sparse/0/images.txt"])
+def test_a_posed_capture_without_its_files_is_made_anew(photographs: Path, tmp_path: Path, lost: str) -> None:
     folder = tmp_path / "result" / "posed"
     posed(photographs, folder)
-    shutil.rmtree(folder / "images")
+    if (folder / lost).is_dir():
+        shutil.rmtree(folder / lost)
+    else:
+        (folder / lost).unlink()
     posed(photographs, folder)
     assert len(open_capture(folder).frames) == 4
 
@@ -317,6 +322,8 @@ def test_a_posed_capture_beside_the_photographs_is_none_of_them(photographs: Pat
     for _ in range(2):
         assert pose(card, card / "posed").frames == 4
     assert source_files(card)[0].parent.name == "100APPLE"
+    (card / "DCIM").rename(tmp_path / "elsewhere")
+    assert source_files(card)[0].parent.parent.name == "posed"
 
 
 @pytest.mark.usefixtures("colmap_outcome")

@@ -294,6 +294,6 @@ def check_options(
     if outside_masks not in get_args(masks_of.OutsideMasks):
         raise PocketGSError(f"outside_masks {outside_masks!r}, expected {', '.join(get_args(masks_of.OutsideMasks))}")
     if hold_out_every < 0 or hold_out_every == 1:
-        raise PocketGSError(f"one of {hold_out_every} frames held out, expected 0 (none) or at least 2")
+        raise PocketGSError(f"held out every {hold_out_every} frames, expected at least 2, or 0 for none")
     if background is not None:
         checked_background(background)

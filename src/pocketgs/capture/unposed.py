@@ -53,9 +53,9 @@ def _in_folders(folder: Path) -> dict[Path, list[Path]]:
 
 
 def _inner(folder: Path) -> list[Path]:
-    """The folders in a folder that may hold photographs. Captures that `pocketgs pose` made hold copies of some."""
-    inner = sorted(folder.iterdir()) if folder.is_dir() else []
-    return [path for path in inner if is_folder_of_photographs(path) and not (path / POSED_RECORD).is_file()]
+    """The folders in a folder that may hold photographs. Captures that `pocketgs pose` made count if no other does."""
+    inner = [path for path in sorted(folder.iterdir()) if is_folder_of_photographs(path)] if folder.is_dir() else []
+    return [path for path in inner if not (path / POSED_RECORD).is_file()] or inner
 
 
 def videos_in(folder: Path) -> list[Path]:

@@ -38,7 +38,7 @@ def evaluate(
     Args:
         scene: A scene file (.ply, .pgs, .spz, .glb …), or a result folder.
         capture: The capture's folder, or its transforms.json.
-        pictures: Folder for images of photograph and rendering side by side.
+        pictures: Folder for images of photograph and rendering side by side, in place of those of an earlier command.
         json: File for the metrics.
         engine: Options of the engine.
         reading: Options for reading the capture.

@@ -52,7 +52,7 @@ def render(
     Args:
         scene: A scene file (.ply, .pgs, .spz, .glb …), or a result folder.
         capture: The capture whose cameras are used: its folder, or its transforms.json.
-        output: A folder for PNGs, or a video if it ends in .mp4.
+        output: A folder for PNGs, in place of those of an earlier rendering, or a video if it ends in .mp4.
         views: The capture's held-out or training views, an orbit around its subject, or a smooth path through its
             training views.
         show: Colour, expected depth (near is bright) or alpha.

@@ -12,12 +12,14 @@ WRITTEN = "written"
 """Key of the list in the record of a folder: paths in it with forward slashes."""
 
 OF_FILE_BROWSERS = frozenset({".ds_store", "thumbs.db", "desktop.ini"})
-"""Files that file browsers leave in the folders that they show, in lower case. They count as nobody's."""
+"""Files that file browsers leave in the folders that they show, in lower case. They count as nobody's, and so do those
+that macOS adds on disks of other systems, whose names begin with "._"."""
 
 
 def somebodys(names: Iterable[str]) -> set[str]:
     """The names or paths without those of files that file browsers leave."""
-    return {name for name in names if PurePosixPath(name).name.lower() not in OF_FILE_BROWSERS}
+    files = {name: PurePosixPath(name).name.lower() for name in names}
+    return {name for name, file in files.items() if file not in OF_FILE_BROWSERS and not file.startswith("._")}
 
 
 def check_only_written(folder: Path, written: object) -> None:
@@ -35,5 +37,5 @@ def check_only_written(folder: Path, written: object) -> None:
     if foreign := somebodys(files_below(folder)) - set(map(str, written)):
         raise PocketGSError(
             f"{folder / min(foreign)}: was not written by pocketgs, and would be deleted with its folder; move it "
-            "away, or choose another output folder"
+            "away, or choose another folder"
         )

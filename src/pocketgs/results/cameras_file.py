@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from pocketgs.capture.capture import Capture, Frame
-from pocketgs.capture.open import is_transforms_file
 from pocketgs.capture.origin import Origin, with_origin
 from pocketgs.errors import PocketGSError, clipped
 from pocketgs.files.atomic_file import replacing
@@ -148,9 +147,8 @@ def with_poses_of(capture: Capture, path: Path) -> Capture:
 
 def _was_made_of(result: Path, capture: Capture) -> bool:
     """Whether a result was made of a capture, by its place. Another may have photographs of the same names."""
-    place = capture.path.resolve()
-    source = source_of(place.parent if is_transforms_file(place) else place)
-    return place.is_relative_to(result.resolve() / POSED) or read_manifest(result).source == source
+    lies_in_it = capture.path.resolve().is_relative_to(result.resolve() / POSED)
+    return lies_in_it or read_manifest(result).source == source_of(capture.path)
 
 
 def _require_same_poses(capture: Capture, saved: SavedCameras, path: Path) -> None:

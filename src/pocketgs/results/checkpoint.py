@@ -184,8 +184,8 @@ def _require_same_run(path: Path, written: dict[str, Any], run: dict[str, Any]) 
         raise PocketGSError(f"{path}: belongs to a run with {key} {written.get(key)!r}, but this one has {value!r}")
     if other_cameras and TRAINING_CAMERAS in written:  # older checkpoints have none
         raise PocketGSError(
-            f"{path}: belongs to a run on other photographs, or on other poses of these; expected the capture that it "
-            "was trained on, or another --output without --resume"
+            f"{path}: belongs to a run on other photographs, or on other poses or another order of these; expected the "
+            "capture that it was trained on, or another --output without --resume"
         )
 
 

@@ -54,12 +54,15 @@ class TrainedOn:
         Args:
             capture: in the world of the run.
         """
+        protocols = None if capture.protocol == self.protocol else self._protocols(capture)
         if moved := self.cameras.moved(capture.frames):
             views = counted(len(moved), "view has another pose", "views have other poses")
             found = f"{views} than in its run, the first {clipped(moved[0])}"
-            return f"{found}: figures mean nothing unless it is another capture in the same world"
-        if capture.protocol != self.protocol:
-            return self._protocols(capture)
+            return f"{found}: figures mean nothing unless it is another capture in the same world" + (
+                f"; {protocols}" if protocols else ""
+            )
+        if protocols:
+            return protocols
         if self.cameras.cameras and not any(frame.name in self.cameras.cameras for frame in capture.frames):
             trained, read = next(iter(self.cameras.cameras)), capture.frames[0].name
             names = f"such as {clipped(trained)}, the first is {clipped(read)}"
@@ -70,11 +73,8 @@ class TrainedOn:
     def _saw(self, frame: Frame) -> bool:
         """Whether the run was trained on a frame, or on a copy of it with another name, from another image folder."""
         names = self.cameras.at_pose_of(frame)
-        if names and frame.name not in names:
-            return not self.views.isdisjoint(names)
-        # From a tripod, a held-out photograph has the pose of training views: here its name decides. So it does where
-        # no camera has its pose, which may have been found anew.
-        return frame.name in self.views
+        # From a tripod, a held-out photograph has the pose of training views: here its name decides.
+        return frame.name in self.views if frame.name in names else not self.views.isdisjoint(names)
 
     def _protocols(self, capture: Capture) -> str:
         protocols = f"the protocol of its run is {self.protocol!r}, here it is {capture.protocol!r}"

@@ -79,7 +79,7 @@ def check_change(change: RowChange, count: int, layout: ParameterLayout) -> None
         if name not in {group.name for group in layout.groups}:
             raise PocketGSError(f"change of rows: found values of {name!r}, which is not a parameter")
         listed, found = np.asarray(rows), np.asarray(values)
-        if listed.ndim != 1 or listed.dtype.kind not in "iu":
+        if listed.ndim != 1 or (listed.size and listed.dtype.kind not in "iu"):
             found_rows = f"rows {listed.dtype} {listed.shape}"
             raise PocketGSError(f"change of rows: {name} are set in {found_rows}, expected integers (R,)")
         _check_rows(name, listed, len(sources))

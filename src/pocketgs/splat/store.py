@@ -86,7 +86,7 @@ class ParameterStore:
             for name, (rows, _) in change.values.items():
                 moments[rows, self.layout.columns_of(name)] = 0.0
         for name, (rows, values) in change.values.items():
-            self[name][rows] = of_unit_length(values) if name == "quaternions" else values
+            self[name][rows] = of_unit_length(np.asarray(values, np.float32)) if name == "quaternions" else values
 
     def _gather(self, array: np.ndarray, sources: np.ndarray) -> None:
         """Copy the source rows to the first ones, using the gradients' memory, which is free between steps."""

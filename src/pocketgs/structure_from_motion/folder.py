@@ -44,12 +44,11 @@ def check_replaceable(folder: Path) -> None:
 
 
 def is_whole(folder: Path, record: dict[str, Any]) -> bool:
-    """Whether a posed capture still has its model, and the images that were placed.
+    """Whether a posed capture still has its files. Older records list only the images that were placed.
 
     Args:
         folder: of the capture.
         record: as `read_record` reads it.
     """
-    placed = record.get("placed")
-    names = map(str, placed) if isinstance(placed, list) else ()
-    return (folder / MODEL).is_dir() and all((folder / IMAGES / name).is_file() for name in names)
+    placed = [f"{IMAGES}/{name}" for name in record.get("placed", ())]
+    return (folder / MODEL).is_dir() and all((folder / name).is_file() for name in record.get(WRITTEN, placed))

@@ -116,9 +116,9 @@ async function openFile(file, view, cameras) {
         const gaussians = await whileLoading(file.name, read);
         if (claim()) {
             cameras.frame(gaussians, USUAL_UP);
-            showTitle(file.name);
             warnOf(gaussians, file.name);
             await view.setScene(gaussians);
+            showTitle(file.name);
         }
     } catch (error) {
         showMessage(error.message);
