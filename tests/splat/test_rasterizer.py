@@ -266,7 +266,7 @@ def test_room_that_is_refused_leaves_the_rasterizer_usable(
 
 @pytest.mark.parametrize("name", ["cpu", "webgpu", "reference"])
 def test_infinite_logits_are_opaque_or_invisible(request: pytest.FixtureRequest, name: str) -> None:
-    """Infinite scales are not drawn, whichever sign."""
+    """Scales of 0 are drawn, as flat discs."""
     if name == "webgpu":
         request.getfixturevalue("adapter")
     camera = camera_in_front(33, 21, 30.0)
@@ -276,8 +276,12 @@ def test_infinite_logits_are_opaque_or_invisible(request: pytest.FixtureRequest,
     gradient = shared(name).backward(seen, rgb=np.ones((21, 33, 3)), alpha=np.ones((21, 33)))
     assert abs(gradient.opacity_logits[0]) < 1e-4
     assert np.isfinite(gradient.means).all()
-    for hidden in (replace(disc, opacity_logits=[-np.inf]), replace(disc, log_scales=[[-1, -np.inf, -1]])):
-        assert shared(name).forward(hidden, camera, ("alpha",)).alpha.max() == 0.0
+    hidden = replace(disc, opacity_logits=[-np.inf])
+    assert shared(name).forward(hidden, camera, ("alpha",)).alpha.max() == 0.0
+    flat, thin = (replace(disc, log_scales=[[-1, -1, thickness]]) for thickness in (-np.inf, -80.0))
+    alphas = [shared(name).forward(scene, camera, ("alpha",)).alpha for scene in (flat, thin)]
+    np.testing.assert_array_equal(*alphas)
+    assert alphas[0].max() > 0.98
 
 
 def test_an_orthographic_camera_does_not_show_its_own_plane(engine: str) -> None:

@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -52,7 +53,7 @@ MACHINE = Machine(
 class Photographs(ListedCapture):
     """A capture of given sizes, without files."""
 
-    @property
+    @cached_property
     def _headers(self) -> dict[str, ImageHeader]:  # type: ignore[override]
         return {
             source.name: ImageHeader(source.camera.width, source.camera.height, has_alpha=False)

@@ -28,7 +28,8 @@ class Gaussians:
         sh: (N, K, 3) spherical-harmonics coefficients of RGB, K = 1, 4, 9 or 16 for degree 0 to 3.
 
     All arrays are float32 and contiguous. NaN and infinity are allowed, since training may diverge: engines do not draw
-    Gaussians that contain them. But infinite opacity logits are opacities of 0 and 1.
+    Gaussians that contain them. But infinite opacity logits are opacities of 0 and 1, and a scale of 0 has a
+    logarithm of minus infinity.
 
     Raises:
         PocketGSError: an attribute is not an array of real numbers, or the shapes disagree.

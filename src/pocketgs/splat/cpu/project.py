@@ -86,8 +86,7 @@ def _project_shape(
     """Write a splat's centre, conic, opacity and depth; False if it is not visible."""
     opacity = 1.0 / (1.0 + math.exp(-float(logit)))
     depth = depth_of(view, lens, local)
-    is_finite = math.isfinite(float(log_scale[0]) + float(log_scale[1]) + float(log_scale[2]))
-    if not (is_finite and depth >= near and opacity >= ALPHA_MIN):
+    if not (depth >= near and opacity >= ALPHA_MIN):
         return False
     scales = math.exp(float(log_scale[0])), math.exp(float(log_scale[1])), math.exp(float(log_scale[2]))
     if not shows(view, lens, local, max(scales)):

@@ -93,7 +93,7 @@ def project(scene: Scene, camera: Camera, near: float | None = None, antialiased
         on_screen = np.all((np.maximum(first, 0) <= np.minimum(last, size - 1)), axis=1)
         directions, _ = _directions(scene, camera)
         colours = np.einsum("nk,nkc->nc", basis(directions, scene.sh.shape[1]), scene.sh) + 0.5
-        finite = np.all(np.isfinite(np.concatenate([means, radii, scene.log_scales], axis=1)), axis=1)
+        finite = np.all(np.isfinite(np.concatenate([means, radii], axis=1)), axis=1)
         sound_colour = np.all(np.abs(colours) < BRIGHTEST, axis=1)
         sound_shape = np.linalg.det(covariances) > MIN_DETERMINANT * covariances[:, 0, 0] * covariances[:, 1, 1]
         variances = np.stack([covariances[:, 0, 0], covariances[:, 1, 1]], axis=1)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from pocketgs.scene.formats.activations import finite_log_scales
 from pocketgs.scene.gaussians import Gaussians
 
 
@@ -16,10 +17,11 @@ def to_columns(scene: Gaussians) -> tuple[np.ndarray, np.ndarray]:
     """Pack a scene.
 
     Returns:
-        `shape`, (11, N) float32: mean 3, log scale 3, quaternion of unit length 4, opacity logit 1; and `sh`,
-        (3 K, N) float32.
+        `shape`, (11, N) float32: mean 3, log scale 3, which is finite for a scale of 0, quaternion of unit length 4,
+        opacity logit 1; and `sh`, (3 K, N) float32.
     """
-    parts = [scene.means, scene.log_scales, scene.unit_quaternions, scene.opacity_logits[:, None]]
+    log_scales = finite_log_scales(scene.log_scales)
+    parts = [scene.means, log_scales, scene.unit_quaternions, scene.opacity_logits[:, None]]
     shape = np.concatenate([part.T for part in parts]).astype(np.float32)
     return shape, transposed(scene.sh.reshape(len(scene), 3 * scene.sh.shape[1]))
 
