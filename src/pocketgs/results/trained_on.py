@@ -54,15 +54,15 @@ class TrainedOn:
         Args:
             capture: in the world of the run.
         """
-        protocols = None if capture.protocol == self.protocol else self._protocols(capture)
+        differences = []
         if moved := self.cameras.moved(capture.frames):
             views = counted(len(moved), "view has another pose", "views have other poses")
             found = f"{views} than in its run, the first {clipped(moved[0])}"
-            return f"{found}: figures mean nothing unless it is another capture in the same world" + (
-                f"; {protocols}" if protocols else ""
-            )
-        if protocols:
-            return protocols
+            differences.append(f"{found}: figures mean nothing unless it is another capture in the same world")
+        if capture.protocol != self.protocol:
+            differences.append(self._protocols(capture))
+        if differences:
+            return "; ".join(differences)
         if self.cameras.cameras and not any(frame.name in self.cameras.cameras for frame in capture.frames):
             trained, read = next(iter(self.cameras.cameras)), capture.frames[0].name
             names = f"such as {clipped(trained)}, the first is {clipped(read)}"

@@ -177,13 +177,22 @@ class EngineOptions:
     max_memory: int = 3000
 
     def __post_init__(self) -> None:
-        if self.threads is not None and self.threads < 1:
-            raise PocketGSError(f"threads: found {self.threads}, expected at least 1")
+        check_threads(self.threads)
         if self.max_memory < 1:
             raise PocketGSError(f"max memory: found {self.max_memory}, expected at least 1")
         for name, choices in (("precision", Precision), ("replay", Replay), ("accumulation", Accumulation)):
             if getattr(self, name) not in get_args(choices):
                 raise PocketGSError(f"{name}: found {getattr(self, name)!r}, expected {' or '.join(get_args(choices))}")
+
+
+def check_threads(threads: int | None) -> None:
+    """Refuse a number of threads below 1; None stands for one per core.
+
+    Raises:
+        PocketGSError: it is.
+    """
+    if threads is not None and threads < 1:
+        raise PocketGSError(f"threads: found {threads}, expected at least 1")
 
 
 def create_engine(options: EngineOptions | None = None) -> Engine:

@@ -80,13 +80,14 @@ class Adam:
         from pocketgs.splat.cpu.adam import update
         from pocketgs.splat.cpu.clusters import Clusters
 
-        store = self._store
+        store, scene = self._store, self.scene
         parts = (gradient.means, gradient.log_scales, gradient.rotations, gradient.opacity_logits, gradient.sh)
-        tails = ((3,), (3,), (3,), (), store.scene.sh.shape[1:])
-        found, expected = [np.shape(part) for part in parts], [(store.count, *tail) for tail in tails]
+        # A rotation has three numbers, like a position.
+        like = (scene.means, scene.log_scales, scene.means, scene.opacity_logits, scene.sh)
+        found, expected = [np.shape(part) for part in parts], [array.shape for array in like]
         if found != expected:
             raise PocketGSError(f"adam: found gradients of {found}, expected {expected}")
-        rows = [np.reshape(part, (store.count, math.prod(tail))) for part, tail in zip(parts, tails, strict=True)]
+        rows = [np.reshape(part, (store.count, math.prod(part.shape[1:]))) for part in parts]
         np.concatenate(rows, axis=1, out=store.gradients)
         self._steps += 1
         threads = kernel_threads(None)

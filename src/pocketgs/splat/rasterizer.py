@@ -23,6 +23,7 @@ from pocketgs.geometry.quaternions import rotation_matrices
 from pocketgs.scene.background import BLACK, Background, checked_background
 from pocketgs.splat.backend import Backend, Composite, Contributions, Parameters
 from pocketgs.splat.channels import Channels, channels_of
+from pocketgs.splat.engine import check_threads
 from pocketgs.splat.near_plane import near_plane
 from pocketgs.splat.pose import matrix_gradient, pose_gradient
 from pocketgs.splat.quaternions import quaternion_gradient
@@ -132,8 +133,7 @@ class Rasterizer:
     ) -> None:
         if compositor not in COMPOSITORS:
             raise PocketGSError(f"rasterizer: found compositor {compositor!r}, expected {' or '.join(COMPOSITORS)}")
-        if threads is not None and threads < 1:
-            raise PocketGSError(f"threads: found {threads}, expected at least 1")
+        check_threads(threads)
         if gpu is not None and engine != "webgpu":
             raise PocketGSError(f"rasterizer: found GPU {gpu!r} with engine {engine!r}, expected it with webgpu only")
         self._compositor = compositor

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, fields
 import numpy as np
 
 from pocketgs.errors import PocketGSError
+from pocketgs.geometry.quaternions import of_unit_length
 from pocketgs.splat.parameters import ParameterLayout
 
 
@@ -58,13 +59,16 @@ class Statistics:
         return Statistics(*(np.zeros(count, np.float32) for _ in fields(Statistics)))
 
 
-def check_change(change: RowChange, count: int, layout: ParameterLayout) -> None:
+def checked_change(change: RowChange, count: int, layout: ParameterLayout) -> RowChange:
     """Check that a change fits the scene.
 
     Args:
         change: to check.
         count: current number of rows.
         layout: of the scene's parameters.
+
+    Returns:
+        The change with float32 values, and quaternions of unit length.
 
     Raises:
         PocketGSError: a row or parameter does not exist, or shapes disagree.
@@ -75,6 +79,7 @@ def check_change(change: RowChange, count: int, layout: ParameterLayout) -> None
     if fresh.shape != sources.shape or fresh.dtype != np.bool_:
         raise PocketGSError(f"change of rows: fresh is {fresh.dtype} {fresh.shape}, expected bool {sources.shape}")
     _check_rows("sources", sources, count)
+    checked = {}
     for name, (rows, values) in change.values.items():
         if name not in {group.name for group in layout.groups}:
             raise PocketGSError(f"change of rows: found values of {name!r}, which is not a parameter")
@@ -88,6 +93,9 @@ def check_change(change: RowChange, count: int, layout: ParameterLayout) -> None
         expected = (len(listed), *layout.group(name).tail(layout.coefficients))
         if found.shape != expected or found.dtype.kind not in "iuf":
             raise PocketGSError(f"change of rows: {name} are {found.dtype} {found.shape}, expected numbers {expected}")
+        listed, numbers = listed.astype(np.int32, copy=False), found.astype(np.float32, copy=False)
+        checked[name] = (listed, of_unit_length(numbers) if name == "quaternions" else numbers)
+    return RowChange(sources, fresh, checked)
 
 
 def _check_rows(what: str, rows: np.ndarray, count: int) -> None:

@@ -7,11 +7,10 @@ import math
 import numpy as np
 
 from pocketgs.errors import PocketGSError
-from pocketgs.geometry.quaternions import of_unit_length
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.engine import OptimiserState
 from pocketgs.splat.parameters import ParameterLayout
-from pocketgs.splat.rows import RowChange, check_change
+from pocketgs.splat.rows import RowChange, checked_change
 
 GROWTH = 1.5
 """Factor by which the capacity grows. Unused memory costs nothing."""
@@ -75,7 +74,7 @@ class ParameterStore:
         Raises:
             PocketGSError: the change does not fit the scene, or memory; nothing is changed.
         """
-        check_change(change, self.count, self.layout)
+        change = checked_change(change, self.count, self.layout)
         if len(change.sources) > self.capacity:
             self._make_room(max(len(change.sources), int(GROWTH * self.capacity)))
         for array in (*self._arrays.values(), self._first_moments, self._second_moments):
@@ -86,7 +85,7 @@ class ParameterStore:
             for name, (rows, _) in change.values.items():
                 moments[rows, self.layout.columns_of(name)] = 0.0
         for name, (rows, values) in change.values.items():
-            self[name][rows] = of_unit_length(np.asarray(values, np.float32)) if name == "quaternions" else values
+            self[name][rows] = values
 
     def _gather(self, array: np.ndarray, sources: np.ndarray) -> None:
         """Copy the source rows to the first ones, using the gradients' memory, which is free between steps."""

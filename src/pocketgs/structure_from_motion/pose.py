@@ -151,7 +151,7 @@ def posed(
     """The folder with the posed capture of photographs or a video; poses are found only if this was not done before.
 
     It is reused if it was made with the same options from photographs and masks of the same names, sizes and
-    modification times, and its images are still there.
+    modification times, and its files are still there.
 
     Args:
         images_or_video: as for `pose`.

@@ -212,7 +212,7 @@ class CpuEngine:
 
     def download(self) -> Gaussians:
         """Copy the current scene."""
-        return Gaussians(*(getattr(self._store.scene, name).copy() for name in PARAMETERS))
+        return Gaussians(*(self._store[name].copy() for name in PARAMETERS))
 
     def optimiser_state(self) -> OptimiserState:
         """Copy the optimiser's state."""

@@ -20,7 +20,7 @@ from pocketgs.splat.colours import check_transforms
 from pocketgs.splat.engine import EngineOptions, OptimiserState, Rendering
 from pocketgs.splat.near_plane import near_plane
 from pocketgs.splat.parameters import ParameterLayout
-from pocketgs.splat.rows import RowChange, Statistics, check_change
+from pocketgs.splat.rows import RowChange, Statistics, checked_change
 from pocketgs.splat.settings import StepSettings
 from pocketgs.splat.webgpu.drawing import draw_once, rendered, write_camera
 from pocketgs.splat.webgpu.frame_values import is_regularised, step_values, structural_share, update_values
@@ -148,7 +148,7 @@ class WebGpuEngine:
             PocketGSError: the change does not fit the scene, or the result does not fit into memory.
         """
         self._settle()
-        check_change(change, self.count, ParameterLayout(self._extent.coefficients))
+        change = checked_change(change, self.count, ParameterLayout(self._extent.coefficients))
         if not self._extent.trains:
             self._fit(replace(self._extent, trains=True))
         description, before = self.executor.description, self.count

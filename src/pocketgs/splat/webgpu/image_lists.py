@@ -59,7 +59,10 @@ class ImageLists:
         self._drawn = None
         wanted, least = self._room, MIN_INTERSECTIONS
         while True:
-            self._make_room(given, wanted, least)
+            try:
+                self._make_room(given, wanted)
+            except PocketGSError:
+                self._make_room(given, least)
             write_camera(self._executor, camera, (0.0, 0.0, 0.0), near, self.symbols)
             self._submit("forward", {**content, "status": np.zeros(3, np.uint32)})
             _, halted, needed = self.read("status", np.uint32, 3)
@@ -79,18 +82,11 @@ class ImageLists:
         """The first numbers of a buffer."""
         return self._executor.read(name, dtype, count)
 
-    def _make_room(self, given: Symbols, wanted: int, least: int) -> None:
-        """Make the buffers to draw an image, with room for the wanted intersections, or at least for the least."""
-        for room in (wanted, least):
-            self.symbols = self._executor.description.symbols({**given, "intersections": room})
-            try:
-                self._reserve("forward")
-            except PocketGSError:
-                if room == least:
-                    raise
-            else:
-                self._room = room
-                return
+    def _make_room(self, given: Symbols, intersections: int) -> None:
+        """Make the buffers to draw an image with so many intersections."""
+        self.symbols = self._executor.description.symbols({**given, "intersections": intersections})
+        self._reserve("forward")
+        self._room = intersections
 
     def _submit(self, sequence: str, content: Mapping[str, np.ndarray]) -> None:
         """Write to some buffers, then run a sequence."""

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from pocketgs.geometry.quaternions import of_unit_length
 from pocketgs.gpu.executor import Executor
 from pocketgs.gpu.sizes import Symbols
 from pocketgs.splat.parameters import ParameterLayout
@@ -46,16 +45,14 @@ def set_values(executor: Executor, change: RowChange, symbols: Symbols) -> None:
 
     Args:
         executor: holds the tables, as they are after the change, and buffers for as many rows.
-        change: which rows, and their values.
+        change: which rows, and their values, as `checked_change` returns it.
         symbols: that follow from how many rows there are now.
     """
     layout = ParameterLayout(symbols["coefficients"])
     for name, (rows, values) in change.values.items():
         listed = {**symbols, "listed": len(rows)}
-        executor.write(SOURCES, np.asarray(rows, np.uint32))
-        numbers = np.asarray(values, np.float32).reshape(len(rows), layout.group(name).numbers(layout.coefficients))
-        if name == "quaternions":
-            numbers = of_unit_length(numbers)
+        executor.write(SOURCES, rows.astype(np.uint32))
+        numbers = values.reshape(len(rows), layout.group(name).numbers(layout.coefficients))
         _set(executor, "sh" if name == "sh" else "shape", 0 if name == "sh" else FIRST_COLUMNS[name], numbers, listed)
         columns = layout.columns_of(name)
         zeros = np.zeros((len(rows), columns.stop - columns.start), np.float32)
