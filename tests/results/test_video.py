@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import av
 import cv2
 import numpy as np
 import pytest
 
+from capture.hdr_videos import write_hdr
 from pocketgs.errors import PocketGSError
-from pocketgs.results.video import write_video
+from pocketgs.results.video import is_written_video, write_video
 
 
 def grey_frames(count: int, height: int = 48, width: int = 64) -> list[np.ndarray]:
@@ -40,6 +42,25 @@ def test_reads_back(tmp_path: Path) -> None:
     for frame, original in zip(frames, written, strict=True):
         assert np.abs(frame.astype(int) - original).mean() < 6
     assert [entry.name for entry in tmp_path.iterdir()] == ["orbit.mp4"]
+
+
+def test_plays_on_phones_and_in_browsers(tmp_path: Path) -> None:
+    write_video(tmp_path / "orbit.mp4", grey_frames(6), fps=29.97)
+    with av.open(str(tmp_path / "orbit.mp4")) as file:
+        stream = file.streams.video[0]
+        assert stream.codec_context.name == "h264"
+        assert stream.codec_context.pix_fmt == "yuv420p"
+        assert float(stream.average_rate) == pytest.approx(29.97)
+
+
+def test_written_videos_are_told_from_others(tmp_path: Path) -> None:
+    write_video(tmp_path / "orbit.mp4", grey_frames(2))
+    assert is_written_video(tmp_path / "orbit.mp4")
+    write_hdr(tmp_path / "phone.mp4", frames=2, primaries=9, transfer=18)
+    assert not is_written_video(tmp_path / "phone.mp4")
+    (tmp_path / "empty.mp4").write_bytes(b"no video")
+    with pytest.raises(PocketGSError, match=r"empty\.mp4: cannot be opened as a video"):
+        is_written_video(tmp_path / "empty.mp4")
 
 
 def test_odd_sizes_lose_a_row_and_a_column(tmp_path: Path) -> None:

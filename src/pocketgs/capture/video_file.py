@@ -2,24 +2,30 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import cv2
 import numpy as np
 
 from pocketgs.capture.sharpness import sharpest_in_windows, sharpness
+from pocketgs.capture.video_colours import is_srgb, to_srgb
 from pocketgs.errors import PocketGSError
 from pocketgs.files.memory_bound import require_memory
 from pocketgs.files.opening import checked
 
+if TYPE_CHECKING:
+    import av
+
 VIDEO_SUFFIXES = frozenset({".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm", ".3gp"})
-FFMPEG_QUIET = -8  # AV_LOG_QUIET
 DECODING = 24
 """Bytes per pixel while a frame is decoded: its planes, the reference frames, and its colours."""
+
+WITH_BRIGHTNESS = frozenset({"yuv420p", "yuvj420p", "nv12"})
+"""Pixel formats whose first plane is the brightness in bytes: those of most videos. Converting takes as long as
+decoding."""
 
 
 @dataclass(frozen=True)
@@ -43,26 +49,16 @@ def video_size(path: Path, *, upright: bool = True) -> tuple[int, int]:
     Raises:
         PocketGSError: the file is missing or not a readable video.
     """
-    with _opened(path, upright) as video:
-        decoded, frame = video.read()
-        if not decoded:
+    with _decoded(path) as video:
+        frame = next(video.frames, None)
+        if frame is None:
             raise PocketGSError(f"{path}: no frame can be decoded, expected a video")
-        height, width = frame.shape[:2]
-        return width, height
-
-
-def video_codec(path: Path) -> str:
-    """Four characters for a video's codec, as FFmpeg names it.
-
-    Raises:
-        PocketGSError: the file is missing or not a readable video.
-    """
-    with _opened(path, upright=False) as video:
-        return int(video.get(cv2.CAP_PROP_FOURCC)).to_bytes(4, "little").decode("ascii", "replace")
+        is_turned = upright and _quarter_turns(frame) % 2 == 1
+        return (frame.height, frame.width) if is_turned else (frame.width, frame.height)
 
 
 def read_frames(path: Path, indices: Sequence[int], *, upright: bool = True) -> Iterator[tuple[int, np.ndarray]]:
-    """Decode some frames of a video, one at a time.
+    """Decode some frames of a video, one at a time. HDR and wide gamuts become sRGB.
 
     Args:
         path: the video.
@@ -76,16 +72,15 @@ def read_frames(path: Path, indices: Sequence[int], *, upright: bool = True) -> 
         PocketGSError: the file is not a readable video, or it ends or is damaged before a requested frame.
     """
     wanted = sorted(set(indices))
-    with _opened(path, upright) as video:
+    with _decoded(path) as video:
         position = 0
         for index in wanted:
-            while position < index and video.grab():
+            frame = None
+            while position <= index and (frame := next(video.frames, None)) is not None:
                 position += 1
-            decoded, frame = video.read() if position == index else (False, None)
-            if not decoded or frame is None:
+            if frame is None:
                 raise PocketGSError(f"{path}: frame {index} cannot be decoded, the video ends after {position} frames")
-            position += 1
-            yield index, cv2.cvtColor(frame, cv2.COLOR_BGR2RGB)
+            yield index, video.pixels(frame, upright)
 
 
 def sharpest_frames(path: Path, count: int) -> list[int]:
@@ -106,36 +101,76 @@ def sharpness_of_frames(path: Path) -> list[float]:
     Raises:
         PocketGSError: the file is not a readable video.
     """
-    values = []
-    with _opened(path, upright=False) as video:
-        while True:
-            decoded, frame = video.read()
-            if not decoded:
-                break
-            values.append(sharpness(cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY)))
+    with _decoded(path) as video:
+        values = [sharpness(_brightness(frame)) for frame in video.frames]
     if not values:
         raise PocketGSError(f"{path}: no frame can be decoded, expected a video")
     return values
 
 
+@dataclass(frozen=True)
+class _DecodedVideo:
+    """A video's frames in the order in which they are shown, and the stream that they come from."""
+
+    stream: av.VideoStream
+    frames: Iterator[av.VideoFrame]
+
+    def pixels(self, frame: av.VideoFrame, upright: bool) -> np.ndarray:
+        """(H, W, 3) uint8 sRGB."""
+        codec = self.stream.codec_context
+        stated = codec.color_primaries, codec.color_trc
+        if is_srgb(*stated):
+            image = frame.to_ndarray(format="rgb24")
+        else:
+            image = to_srgb(frame.to_ndarray(format="rgb48le"), *stated)
+        return np.ascontiguousarray(np.rot90(image, _quarter_turns(frame))) if upright else image
+
+
+def _brightness(frame: av.VideoFrame) -> np.ndarray:
+    """(H, W) uint8, as stored."""
+    if frame.format.name not in WITH_BRIGHTNESS:
+        return frame.to_ndarray(format="gray")
+    plane = frame.planes[0]
+    return np.frombuffer(memoryview(plane), np.uint8).reshape(-1, plane.line_size)[: frame.height, : frame.width]
+
+
+def _quarter_turns(frame: av.VideoFrame) -> int:
+    """Counterclockwise quarter turns that bring a frame upright, as the file states."""
+    return round(frame.rotation / 90)
+
+
 @contextmanager
-def _opened(path: Path, upright: bool) -> Iterator[cv2.VideoCapture]:
+def _decoded(path: Path) -> Iterator[_DecodedVideo]:
+    import av  # here, since few commands need FFmpeg's libraries
+
     if not path.is_file():
         raise PocketGSError(f"{path}: no such file, expected a video")
-    # FFmpeg and OpenCV would print their own errors before ours.
-    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", str(FFMPEG_QUIET))
-    level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     try:
         # An absolute path: FFmpeg takes the part before a colon for a protocol.
-        video = cv2.VideoCapture(str(checked(path).resolve()), cv2.CAP_FFMPEG)
-    finally:
-        cv2.utils.logging.setLogLevel(level)
-    try:
-        if not video.isOpened():
+        file = av.open(str(checked(path).resolve()))
+    except (av.FFmpegError, ValueError) as error:
+        raise PocketGSError(f"{path}: cannot be opened as a video") from error
+    with file:
+        if not file.streams.video:
             raise PocketGSError(f"{path}: cannot be opened as a video")
-        width, height = (max(0.0, video.get(side)) for side in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
-        require_memory(path, DECODING * width * height, f"frames of {width:.0f}x{height:.0f} pixels")
-        video.set(cv2.CAP_PROP_ORIENTATION_AUTO, float(upright))
-        yield video
-    finally:
-        video.release()
+        stream = file.streams.video[0]
+        width, height = stream.codec_context.width, stream.codec_context.height
+        require_memory(path, DECODING * width * height, f"frames of {width}x{height} pixels")
+        stream.thread_type = "AUTO"
+        yield _DecodedVideo(stream, _frames(file, stream))
+
+
+def _frames(file: av.container.InputContainer, stream: av.VideoStream) -> Iterator[av.VideoFrame]:
+    """Decode until the end. What is damaged is passed over, as players do."""
+    import av
+
+    packets = file.demux(stream)
+    while True:
+        try:
+            packet = next(packets, None)
+            if packet is None:
+                return
+            frames = packet.decode()
+        except av.InvalidDataError:
+            continue
+        yield from frames
