@@ -26,7 +26,7 @@ from pocketgs.splat.webgpu.variant import Variant
 from pocketgs.viewer.access import Access, is_same_origin
 from pocketgs.viewer.content import Content, capture_views, looked_at
 from pocketgs.viewer.live import LiveRun
-from pocketgs.viewer.routes import send_json
+from pocketgs.viewer.responses import send_json
 from pocketgs.viewer.scene_content import previews_in, scene_content, with_transients
 from pocketgs.viewer.server import Page, serving
 from viewer.client import fetch, origin_of

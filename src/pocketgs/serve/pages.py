@@ -18,7 +18,8 @@ from pocketgs.serve.queue import Queue
 from pocketgs.serve.shelf import RESULT, Shelf
 from pocketgs.serve.training import Training
 from pocketgs.viewer.content import Content
-from pocketgs.viewer.routes import Handler, is_from_own_page, page_handlers, refused, scene_handlers, send_json
+from pocketgs.viewer.responses import Handler, is_from_own_page, refused, send_json
+from pocketgs.viewer.routes import page_handlers, scene_handlers
 from pocketgs.viewer.scene_content import scene_content
 
 SHOWN_AT_ONCE = 8

@@ -34,16 +34,16 @@ from pocketgs.serve.shelf import THUMBNAIL, Shelf, delete_folders
 from pocketgs.serve.shown import shown_deleted, shown_entry, shown_files
 from pocketgs.serve.uploads import Uploads
 from pocketgs.viewer.access import Access
-from pocketgs.viewer.routes import (
+from pocketgs.viewer.responses import (
     Handler,
     guarded_application,
     is_from_own_page,
-    page_file,
     refused,
     send_file,
     send_json,
     send_named,
 )
+from pocketgs.viewer.routes import page_file
 
 PAGE = Path(__file__).parent / "page"
 WAKE_LOCK = Path(pocketgs.site.__file__).parent / "page" / "controls" / "wake_lock.js"
