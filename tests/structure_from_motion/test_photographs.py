@@ -134,3 +134,11 @@ def test_damaged_exif_data_are_ignored(tmp_path: Path, length: int) -> None:
     whole = with_exif({FOCAL_35: 26}, {1: "N", 2: (1.0, 2.0, 3.0), 3: "E", 4: (1.0, 2.0, 3.0), 6: 5.0}).tobytes()
     with Image.open(written(tmp_path, whole[:length])) as image:
         read_exif(image)
+
+
+def test_west_and_east(tmp_path: Path) -> None:
+    """37 degrees north and 122 west are in California; east, they are in the Yellow Sea."""
+    for reference, longitude in (("W", -122.5), ("w\0", -122.5), ("E", 122.5)):
+        gps: dict[int, object] = {1: "N", 2: (37.0, 30.0, 0.0), 3: reference, 4: (122.0, 30.0, 0.0), 5: b"\0", 6: 12.0}
+        place = read_exif(Image.open(written(tmp_path, with_exif({}, gps)))).place
+        assert place == (37.5, longitude, 12.0)

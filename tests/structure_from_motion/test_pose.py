@@ -19,7 +19,8 @@ import pytest
 from PIL import ExifTags, Image
 
 from mistakes import write_mistake
-from pocketgs.capture import image_file, open_capture
+from pocketgs.capture import open_capture
+from pocketgs.capture.decoding import image_file
 from pocketgs.capture.open import lacks_poses, read_listing
 from pocketgs.capture.synthetic import true_capture
 from pocketgs.cli import main
@@ -27,12 +28,12 @@ from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera
 from pocketgs.results.video import write_video
 from pocketgs.structure_from_motion import attempts
+from pocketgs.structure_from_motion.colmap.world import similarity
 from pocketgs.structure_from_motion.images import source_files
 from pocketgs.structure_from_motion.options import PoseOptions
 from pocketgs.structure_from_motion.photographs import Photograph
-from pocketgs.structure_from_motion.pose import STAGES, pose, posed
+from pocketgs.structure_from_motion.pose import STAGES, pose, pose_once
 from pocketgs.structure_from_motion.process import run_colmap
-from pocketgs.structure_from_motion.world import similarity
 
 NAMES = ["0.jpg", "1.jpg", "2.jpg", "3.jpg"]
 OUTCOME = {
@@ -180,7 +181,7 @@ def test_photographs_that_do_not_match(photographs: Path, tmp_path: Path) -> Non
 def test_a_failure_inside_colmap_is_one_line(tmp_path: Path) -> None:
     job = {"database": str(tmp_path / "none" / "features.db"), "seed": 0, "cameras": []}
     with pytest.raises(PocketGSError, match=r"^COLMAP failed \(.+\)$"):
-        run_colmap("colmap", job, tmp_path / "log.txt", lambda stage: None)
+        run_colmap("verify_and_map", job, tmp_path / "log.txt", lambda stage: None)
 
 
 def test_a_failure_on_a_full_disk_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -190,7 +191,7 @@ def test_a_failure_on_a_full_disk_says_so(tmp_path: Path, monkeypatch: pytest.Mo
     with pytest.raises(
         PocketGSError, match=r"^COLMAP failed \(.+\): the disk that holds .* is full \(1\.2 MB are free\)"
     ):
-        run_colmap("colmap", job, tmp_path / "log.txt", lambda stage: None)
+        run_colmap("verify_and_map", job, tmp_path / "log.txt", lambda stage: None)
 
 
 @pytest.mark.usefixtures("colmap_outcome")
@@ -290,26 +291,26 @@ def test_a_posed_capture_is_used_again_until_its_source_changes(
     photographs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = tmp_path / "result" / "posed"
-    assert posed(photographs, folder) == folder
+    assert pose_once(photographs, folder) == folder
     monkeypatch.setitem(sys.modules, "pycolmap", None)
-    assert posed(photographs, folder) == folder
+    assert pose_once(photographs, folder) == folder
     with pytest.raises(PocketGSError, match="whose package pycolmap"):
-        posed(photographs, folder, PoseOptions(max_size=800))
+        pose_once(photographs, folder, PoseOptions(max_size=800))
     os.utime(photographs / "1.jpg", (0, 0))
     with pytest.raises(PocketGSError, match="whose package pycolmap"):
-        posed(photographs, folder)
+        pose_once(photographs, folder)
 
 
 @pytest.mark.usefixtures("colmap_outcome")
 @pytest.mark.parametrize("lost", ["images", "sparse", "sparse/0/images.txt"])
 def test_a_posed_capture_without_its_files_is_made_anew(photographs: Path, tmp_path: Path, lost: str) -> None:
     folder = tmp_path / "result" / "posed"
-    posed(photographs, folder)
+    pose_once(photographs, folder)
     if (folder / lost).is_dir():
         shutil.rmtree(folder / lost)
     else:
         (folder / lost).unlink()
-    posed(photographs, folder)
+    pose_once(photographs, folder)
     assert len(open_capture(folder).frames) == 4
 
 
@@ -333,7 +334,7 @@ def test_masks_of_photographs(photographs: Path, tmp_path: Path, monkeypatch: py
     (tmp_path / "segments").mkdir()
     mask.save(tmp_path / "segments/1.png")
     options, folder = PoseOptions(masks=str(tmp_path / "segments")), tmp_path / "posed"
-    posed(photographs, folder, options)
+    pose_once(photographs, folder, options)
     assert [path.name for path in (folder / "masks").iterdir()] == ["1.jpg.png"]
     frames = {Path(frame.name).name: frame for frame in open_capture(folder).frames}
     np.testing.assert_array_equal(frames["1.jpg"].mask, np.asarray(mask) > 0)
@@ -341,9 +342,9 @@ def test_masks_of_photographs(photographs: Path, tmp_path: Path, monkeypatch: py
     mask.save(tmp_path / "segments/2.png")
     monkeypatch.setitem(sys.modules, "pycolmap", None)
     with pytest.raises(PocketGSError, match="whose package pycolmap"):
-        posed(photographs, folder, options)
+        pose_once(photographs, folder, options)
     with pytest.raises(PocketGSError, match="nowhere: no such folder"):
-        posed(photographs, folder, PoseOptions(masks="nowhere"))
+        pose_once(photographs, folder, PoseOptions(masks="nowhere"))
 
 
 def test_photographs_are_no_capture(photographs: Path, written_capture: Path) -> None:
@@ -570,3 +571,24 @@ def differences(found: dict[str, Camera], truth: dict[str, Camera]) -> tuple[np.
     ]
     cosines = (np.trace(turns, axis1=1, axis2=2) - 1) / 2
     return distances, np.degrees(np.arccos(np.clip(cosines, -1, 1)))
+
+
+def test_more_pairs_that_place_fewer_photographs_change_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, colmap_outcome: dict[str, Any]
+) -> None:
+    """Such an attempt writes no model, and tells nothing of one."""
+    folder, made, jobs = tmp_path / "many", attempts.run_colmap, []
+    folder.mkdir()
+    for number in range(50):
+        Image.effect_noise((64, 48), 90).save(folder / f"{number}.jpg")
+
+    def run(module: str, job: dict[str, Any], *others: Any) -> dict[str, Any]:
+        jobs.append(job["better_than"])
+        if len(jobs) == 1:
+            return {**made(module, job, *others), "placed": [f"{number}.jpg" for number in range(45)]}
+        return {"placed": ["0.jpg"], "matched_pairs": 9, "parallax_pairs": 6, "stands_still": False}
+
+    monkeypatch.setattr(attempts, "run_colmap", run)
+    found = pose(folder, tmp_path / "output")
+    assert jobs == [0, 45]
+    assert (found.registered, found.points) == (45, 7)

@@ -1,5 +1,6 @@
 """Structure from motion with COLMAP: camera poses for photographs or a video without poses.
 
-The modules `colmap` and `triangulation`, with `job` and `world`, run in processes of their own, which must not load
-Pillow: see `job`. So they import nothing else from here, and nothing is imported in this file.
+The modules in `colmap/` run in processes of their own, which must not load Pillow, and only these load pycolmap: see
+`colmap/job.py`. The other modules import only what describes jobs from there, `*_job.py`. Both import this file, so
+nothing is imported here.
 """

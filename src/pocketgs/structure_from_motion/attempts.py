@@ -10,9 +10,8 @@ from typing import Any, cast
 
 import numpy as np
 
+from pocketgs.structure_from_motion.colmap.mapping_job import MappedCamera, MappingJob, MappingOutcome
 from pocketgs.structure_from_motion.gps import local_metres
-from pocketgs.structure_from_motion.mapping_job import MappedCamera, MappingJob, MappingOutcome
-from pocketgs.structure_from_motion.matches import match
 from pocketgs.structure_from_motion.options import PoseOptions
 from pocketgs.structure_from_motion.pairs import (
     MAX_FOR_ALL_PAIRS,
@@ -25,6 +24,7 @@ from pocketgs.structure_from_motion.pairs import (
 from pocketgs.structure_from_motion.photographs import Photograph, cameras_of, focal_length
 from pocketgs.structure_from_motion.process import run_colmap
 from pocketgs.structure_from_motion.retrieval import similarities
+from pocketgs.structure_from_motion.run_matching import match
 from pocketgs.structure_from_motion.work import Count
 
 MIN_MATCHES, MIN_MATCHES_RELAXED = 15, 10
@@ -80,7 +80,7 @@ def place_all(
             on_stage("matching")
             matches = match(photographs, listed, workspace, on_count)
         asked = {**job, "matches": matches, **changes}
-        found = run_colmap("colmap", asked, workspace / "log.txt", on_stage, on_count)
+        found = run_colmap("verify_and_map", asked, workspace / "log.txt", on_stage, on_count)
         return cast(MappingOutcome, {**found, "lenses_refined": asked["refine_lenses"]})
 
     def at_once() -> MappingOutcome:

@@ -1,7 +1,7 @@
 """SIFT features for COLMAP, computed with OpenCV, four times as fast as COLMAP's own on a CPU.
 
 They are computed outside COLMAP's process, since Pillow, which decodes the photographs, cannot share one with it: see
-`job`.
+`colmap/job.py`.
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ from typing import Any
 
 from pocketgs.capture.unposed import POSED_RECORD
 from pocketgs.errors import PocketGSError
-from pocketgs.files.written_files import WRITTEN, check_only_written, somebodys
+from pocketgs.files.written_files import WRITTEN, check_only_written, without_browser_files
 
 IMAGES, MASKS, MODEL = "images", "masks", "sparse"
 
@@ -34,7 +34,7 @@ def check_replaceable(folder: Path) -> None:
     if not folder.is_dir():
         raise PocketGSError(f"{folder}: is a file, expected a folder for the posed capture")
     record = read_record(folder)
-    found = somebodys(path.name for path in folder.iterdir())
+    found = without_browser_files(path.name for path in folder.iterdir())
     foreign = found - {IMAGES, MASKS, MODEL, POSED_RECORD} if record is not None else found
     if foreign:
         raise PocketGSError(

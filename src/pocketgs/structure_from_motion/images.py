@@ -8,12 +8,12 @@ from pathlib import Path
 
 from PIL import Image
 
-from pocketgs.capture.image_file import ImageHeader, UndecodableImageError, read_header
+from pocketgs.capture.decoding.image_file import ImageHeader, UndecodableImageError, read_header
+from pocketgs.capture.decoding.video_file import read_frames, sharpest_frames
 from pocketgs.capture.masks import FOUND, NONE, find_masks
 from pocketgs.capture.photograph_copy import names_of_copies, place_masks, place_photograph
 from pocketgs.capture.unposed import find_photographs, is_video
 from pocketgs.capture.unrecognised import what_is_there
-from pocketgs.capture.video_file import read_frames, sharpest_frames
 from pocketgs.errors import PocketGSError
 from pocketgs.files.paths import IMAGE_SUFFIXES, relative_name
 from pocketgs.structure_from_motion.folder import MASKS

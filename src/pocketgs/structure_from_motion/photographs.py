@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 from PIL import Image
 
-from pocketgs.capture.image_file import UndecodableImageError, colour_and_alpha, read_image
-from pocketgs.capture.mask_file import read_mask
+from pocketgs.capture.decoding.image_file import UndecodableImageError, colour_and_alpha, read_image
+from pocketgs.capture.decoding.mask_file import read_mask
 from pocketgs.structure_from_motion.exif import Exif, read_exif
 from pocketgs.structure_from_motion.features import find_features
 from pocketgs.structure_from_motion.pairs import MAX_FOR_ALL_PAIRS

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -16,10 +16,11 @@ from pocketgs.files.atomic_folder import replacing_folder
 from pocketgs.files.manifest import files_below
 from pocketgs.files.written_files import WRITTEN
 from pocketgs.structure_from_motion.attempts import place_all
+from pocketgs.structure_from_motion.colmap.mapping_job import MappingOutcome
 from pocketgs.structure_from_motion.folder import IMAGES, MASKS, MODEL, check_replaceable, is_whole, read_record
 from pocketgs.structure_from_motion.images import FEWEST, gather, headers_of, source_files, source_masks
 from pocketgs.structure_from_motion.options import PoseOptions
-from pocketgs.structure_from_motion.photographs import read_photographs
+from pocketgs.structure_from_motion.photographs import Photograph, read_photographs
 from pocketgs.structure_from_motion.process import check_installed, threads_that_fit
 from pocketgs.structure_from_motion.work import Count
 
@@ -37,7 +38,7 @@ MAX_NAMES = 12
 
 
 @dataclass(frozen=True)
-class Posed:
+class PoseResult:
     """The result of structure from motion.
 
     Attributes:
@@ -65,7 +66,7 @@ def pose(
     on_stage: Callable[[str], None] = lambda stage: None,
     on_count: Count = lambda done, of: None,
     on_warning: Callable[[str], None] = lambda warning: None,
-) -> Posed:
+) -> PoseResult:
     """Find the poses of photographs or of a video's frames, and write a capture that `open_capture` reads.
 
     The capture's world is upright, with y down, and centred on the subject. If photographs have GPS positions that are
@@ -94,42 +95,26 @@ def pose(
     check_replaceable(output)
     try:
         with replacing_folder(output) as (staging, workspace):
-            threads = _threads(source, options)
-            on_stage("frames")
-            damaged = gather(source, staging / IMAGES, options, threads, on_count, on_warning)
-            on_stage("features")
-            photographs = read_photographs(
-                staging / IMAGES, staging / MASKS, workspace, options.max_size, threads, on_count
+            photographs, damaged = _gather_photographs(
+                source, staging, workspace, options, on_stage, on_count, on_warning
             )
-            gathered = {path.name for path in (staging / IMAGES).iterdir()}
-            damaged = sorted({*damaged, *gathered.difference(photograph.name for photograph in photographs)})
-            if len(photographs) < FEWEST:
-                raise PocketGSError(
-                    f"{source}: {_undecodable(damaged)}; expected at least {FEWEST} others. {COPY_AGAIN}"
-                )
-            if damaged:
-                on_warning(f"{source}: {_undecodable(damaged)}; left out. {COPY_AGAIN}")
-            model = staging / MODEL / "0"
-            model.mkdir(parents=True)
-            outcome = place_all(photographs, is_video(source), model, workspace, options, on_stage, on_count)
+            outcome = _find_poses(source, photographs, staging, workspace, options, on_stage, on_count)
             unplaced = sorted({photograph.name for photograph in photographs} - set(outcome["placed"]))
-            features = sum(photograph.features for photograph in photographs) // len(photographs)
-            if not outcome["placed"]:
-                found = f"{features:,} features per image, {outcome['matched_pairs']} matching pairs"
-                why = ", from a camera that stands still" if outcome["stands_still"] else ""
-                raise PocketGSError(f"{source}: no poses found for {len(photographs)} images{why} ({found}): {ADVICE}")
             read_listing(staging)  # COLMAP may not report that the disk is full
-            counts = {"frames": len(photographs), "damaged": damaged, "unplaced": unplaced, "features": features}
-            written = [*files_below(staging), POSED_RECORD]
-            record = {**made_from, **outcome, **counts, WRITTEN: written}
-            (staging / POSED_RECORD).write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+            counts = {
+                "frames": len(photographs),
+                "damaged": damaged,
+                "unplaced": unplaced,
+                "features": _mean_features(photographs),
+            }
+            _write_record(staging, {**made_from, **outcome, **counts})
     except OSError as error:
         raise PocketGSError(f"{output.resolve()}: cannot be written ({error.strerror or error})") from error
     if not outcome["lenses_refined"]:
         on_warning(LITTLE_PARALLAX)
     if unplaced:
         on_warning(_lacking(unplaced, len(photographs), outcome.get("other_models", [])))
-    return Posed(
+    return PoseResult(
         output,
         len(photographs),
         len(outcome["placed"]),
@@ -139,7 +124,7 @@ def pose(
     )
 
 
-def posed(
+def pose_once(
     images_or_video: str | Path,
     folder: str | Path,
     options: PoseOptions | None = None,
@@ -181,6 +166,58 @@ def _made_from(source: Path, options: PoseOptions) -> dict[str, Any]:
     return {"files": states(source_files(source)), "masks": states(masks), "options": asdict(options)}
 
 
+def _gather_photographs(
+    source: Path,
+    staging: Path,
+    workspace: Path,
+    options: PoseOptions,
+    on_stage: Callable[[str], None],
+    on_count: Count,
+    on_warning: Callable[[str], None],
+) -> tuple[list[Photograph], list[str]]:
+    """Copy photographs or frames to the new folder and find their features; also the names of those left out.
+
+    Raises:
+        PocketGSError: too few can be decoded.
+    """
+    threads = _threads(source, options)
+    on_stage("frames")
+    damaged = gather(source, staging / IMAGES, options, threads, on_count, on_warning)
+    on_stage("features")
+    photographs = read_photographs(staging / IMAGES, staging / MASKS, workspace, options.max_size, threads, on_count)
+    gathered = {path.name for path in (staging / IMAGES).iterdir()}
+    damaged = sorted({*damaged, *gathered.difference(photograph.name for photograph in photographs)})
+    if len(photographs) < FEWEST:
+        raise PocketGSError(f"{source}: {_undecodable(damaged)}; expected at least {FEWEST} others. {COPY_AGAIN}")
+    if damaged:
+        on_warning(f"{source}: {_undecodable(damaged)}; left out. {COPY_AGAIN}")
+    return photographs, damaged
+
+
+def _find_poses(
+    source: Path,
+    photographs: Sequence[Photograph],
+    staging: Path,
+    workspace: Path,
+    options: PoseOptions,
+    on_stage: Callable[[str], None],
+    on_count: Count,
+) -> MappingOutcome:
+    """Find poses and write COLMAP's model to the new folder.
+
+    Raises:
+        PocketGSError: no poses were found.
+    """
+    model = staging / MODEL / "0"
+    model.mkdir(parents=True)
+    outcome = place_all(photographs, is_video(source), model, workspace, options, on_stage, on_count)
+    if not outcome["placed"]:
+        found = f"{_mean_features(photographs):,} features per image, {outcome['matched_pairs']} matching pairs"
+        why = ", from a camera that stands still" if outcome["stands_still"] else ""
+        raise PocketGSError(f"{source}: no poses found for {len(photographs)} images{why} ({found}): {ADVICE}")
+    return outcome
+
+
 def _threads(source: Path, options: PoseOptions) -> int:
     """Number of images that may be decoded and searched for features at the same time."""
     if is_video(source):
@@ -188,6 +225,17 @@ def _threads(source: Path, options: PoseOptions) -> int:
     sizes = ((header.width, header.height) for header in headers_of(source_files(source)).values())
     pixels = (width * height * min(1.0, options.max_size / max(width, height)) ** 2 for width, height in sizes)
     return threads_that_fit(int(max(pixels, default=0)))
+
+
+def _write_record(staging: Path, record: Mapping[str, Any]) -> None:
+    """Write the record of a capture's inputs and result, with the list of all files in its folder."""
+    written = [*files_below(staging), POSED_RECORD]
+    text = json.dumps({**record, WRITTEN: written}, indent=2) + "\n"
+    (staging / POSED_RECORD).write_text(text, encoding="utf-8")
+
+
+def _mean_features(photographs: Sequence[Photograph]) -> int:
+    return sum(photograph.features for photograph in photographs) // len(photographs)
 
 
 def _undecodable(damaged: list[str]) -> str:

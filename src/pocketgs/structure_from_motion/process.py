@@ -1,8 +1,9 @@
-"""Running COLMAP in child processes; see `pocketgs.structure_from_motion.job` for the reasons."""
+"""Running COLMAP in child processes; see `pocketgs.structure_from_motion.colmap.job` for the reasons."""
 
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -56,7 +57,7 @@ def run_colmap(
     """Run a job and return its result.
 
     Args:
-        module: of this package, whose `run` does the job: "colmap" or "triangulation".
+        module: of `colmap/`, whose `run` does the job: "verify_and_map" or "triangulation".
         job: what the module's `run` takes.
         log: file for COLMAP's stderr, in a folder of this program's own.
         on_stage: called with a stage's name when it begins.
@@ -80,7 +81,7 @@ def run_side_by_side(
     """Run jobs at the same time, each in a process of its own. If one fails, the others are stopped.
 
     Args:
-        module: of this package, whose `run` does the jobs.
+        module: of `colmap/`, whose `run` does the jobs: "matching".
         jobs: what the module's `run` takes.
         folder: for COLMAP's stderr, of this program's own.
         on_done: called with the sum of what the jobs have done.
@@ -132,10 +133,13 @@ class _Run:
 
     def __init__(self, module: str, log: Path) -> None:
         self._log, self._outcome = log, None
+        # The same package as here, also if a relative path leads to it.
+        places = [str(Path(__file__).resolve().parents[2]), os.environ.get("PYTHONPATH")]
         with log.open("w", encoding="utf-8") as errors:
             self._process = subprocess.Popen(
-                [sys.executable, "-m", f"{__package__}.{module}"],
+                [sys.executable, "-m", f"{__package__}.colmap.{module}"],
                 cwd=log.parent,  # Python imports from the working folder first, which may be an untrusted download
+                env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, places))},
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=errors,

@@ -14,8 +14,8 @@ from pocketgs.capture.capture import Frame
 from pocketgs.capture.formats.colmap_files import read_points
 from pocketgs.errors import PocketGSError
 from pocketgs.scene.point_cloud import PointCloud
+from pocketgs.structure_from_motion.colmap.triangulation_job import TriangulationJob
 from pocketgs.structure_from_motion.process import check_installed, run_colmap, threads_that_fit
-from pocketgs.structure_from_motion.triangulation_job import TriangulationJob
 
 MAX_PARTNERS = 30
 """Number of nearest images that each image is matched with: all of them for a capture of 31 photographs."""

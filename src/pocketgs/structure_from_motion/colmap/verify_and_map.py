@@ -1,6 +1,7 @@
-"""COLMAP's verification and mapping, run as `python -m pocketgs.structure_from_motion.colmap` in a process of its own.
+"""COLMAP's verification and mapping.
 
-See `job`. No image is decoded here: features and colours arrive as arrays.
+Run as `python -m pocketgs.structure_from_motion.colmap.verify_and_map`; see `job`. No image is decoded here: features
+and colours arrive as arrays.
 """
 
 from __future__ import annotations
@@ -10,13 +11,14 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
-from pocketgs.structure_from_motion.database import add_camera, add_image, number_names, write_pairs
-from pocketgs.structure_from_motion.job import announce, announce_count, serve
-from pocketgs.structure_from_motion.mapping import FAR, MIN_MODEL, agreeing_models
-from pocketgs.structure_from_motion.mapping_job import MappingJob, MappingOutcome
-from pocketgs.structure_from_motion.match_file import read_match_file
-from pocketgs.structure_from_motion.stillness import match_shifts, stands_still
-from pocketgs.structure_from_motion.world import from_places, upright
+from pocketgs.structure_from_motion.colmap.bundle_adjustment import adjust_bundle
+from pocketgs.structure_from_motion.colmap.database import add_camera, add_image, number_names, write_pairs
+from pocketgs.structure_from_motion.colmap.job import announce, announce_count, serve
+from pocketgs.structure_from_motion.colmap.mapping import FAR, MIN_MODEL, agreeing_models
+from pocketgs.structure_from_motion.colmap.mapping_job import MappingJob, MappingOutcome
+from pocketgs.structure_from_motion.colmap.match_file import read_match_file
+from pocketgs.structure_from_motion.colmap.stillness import match_shifts, stands_still
+from pocketgs.structure_from_motion.colmap.world import from_places, upright
 
 AS_GOOD = 1.1
 """Maximum ratio of reprojection errors to take another focal length."""
@@ -167,10 +169,7 @@ def _with_stated_focal_lengths(job: MappingJob, model: pycolmap.Reconstruction) 
         parameters = np.array(camera.params)
         parameters[list(camera.focal_length_idxs())] = stated[number]
         camera.params = parameters.tolist()
-    options = pycolmap.BundleAdjustmentOptions()
-    options.refine_focal_length = False
-    options.ceres.solver_options.num_threads = 1
-    pycolmap.bundle_adjustment(other, options)
+    adjust_bundle(other, refine_focal_length=False)
     other.update_point_3d_errors()
     as_good = other.compute_mean_reprojection_error() <= AS_GOOD * model.compute_mean_reprojection_error()
     return other if as_good else model

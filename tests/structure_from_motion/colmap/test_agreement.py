@@ -11,10 +11,10 @@ import pycolmap
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pocketgs.structure_from_motion import mapping
-from pocketgs.structure_from_motion.agreement import forget, split
-from pocketgs.structure_from_motion.mapping import agreeing_models
-from pocketgs.structure_from_motion.mapping_job import MappingJob
+from pocketgs.structure_from_motion.colmap import mapping
+from pocketgs.structure_from_motion.colmap.agreement import forget, split
+from pocketgs.structure_from_motion.colmap.mapping import agreeing_models
+from pocketgs.structure_from_motion.colmap.mapping_job import MappingJob
 
 IMAGES = 12
 APART = [3, 4, 5, 6]
@@ -141,3 +141,32 @@ def job(model: pycolmap.Reconstruction) -> MappingJob:
         "better_than": 0,
         "seed": 0,
     }
+
+
+def test_a_smaller_model_does_not_replace_the_largest(
+    scene: tuple[pycolmap.Reconstruction, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without the matches that joined parts, COLMAP may place fewer images than before."""
+    truth, database = scene[0], Path(shutil.copy(scene[1], tmp_path))
+    fewer = pycolmap.Reconstruction(truth)
+    for number in placed(truth)[5:]:
+        fewer.deregister_frame(fewer.images[number].frame_id)
+    monkeypatch.setitem(mapping.MAPPERS, "incremental", lambda *_: [wrongly_joined(truth, APART)])
+    monkeypatch.setattr(mapping, "_go_on_from", lambda *_: [fewer])
+    (found, rest), *_ = agreeing_models(job(truth), database)
+    assert (len(placed(found)), rest) == (IMAGES - len(APART), [len(APART)])
+
+
+def test_a_lens_that_makes_no_sense_is_no_model(
+    scene: tuple[pycolmap.Reconstruction, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Placing all images at once lets focal lengths along both axes drift apart where nothing determines them."""
+    models = {}
+    for number, stretch in enumerate((1.0, 1.05, 1.3)):
+        models[number] = pycolmap.Reconstruction(scene[0])
+        camera = next(iter(models[number].cameras.values()))
+        focal, across, down = camera.mean_focal_length(), camera.principal_point_x, camera.principal_point_y
+        camera.model = pycolmap.CameraModelId.PINHOLE
+        camera.params = [focal, stretch * focal, across, down]
+    monkeypatch.setattr(pycolmap, "global_mapping", lambda *_: models)
+    assert mapping.MAPPERS["global"](job(scene[0]), scene[1]) == [models[0], models[1]]

@@ -8,14 +8,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pocketgs.geometry.up_direction import up_direction
-from pocketgs.structure_from_motion.gps import local_metres
-from pocketgs.structure_from_motion.world import (
+from pocketgs.structure_from_motion.colmap.world import (
     MEDIAN_DISTANCE,
     Similarity,
     from_places,
     similarity,
     upright,
 )
+from pocketgs.structure_from_motion.gps import local_metres
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -124,3 +124,13 @@ def test_places_on_both_sides_of_the_180th_meridian() -> None:
         assert found is not None
         assert expected is not None
         np.testing.assert_allclose(found, expected, atol=1e-3)
+
+
+@pytest.mark.parametrize(("wrong", "used"), [(8, True), (9, False)])
+def test_gps_is_used_only_if_most_places_agree(wrong: int, used: bool) -> None:
+    """Places that only just most others agree with may be chance."""
+    generator = np.random.default_rng(0)
+    metres = generator.uniform(-60, 60, size=(20, 3)) * [1, 0.2, 1]
+    places = metres + generator.normal(scale=0.5, size=metres.shape)
+    places[:wrong] += generator.uniform(-300, 300, (wrong, 3))
+    assert (from_places(metres / 17, places) is not None) == used

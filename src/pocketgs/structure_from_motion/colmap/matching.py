@@ -1,4 +1,4 @@
-"""COLMAP's matching of features, run as `python -m pocketgs.structure_from_motion.matching`; see `job`.
+"""COLMAP's matching of features, run as `python -m pocketgs.structure_from_motion.colmap.matching`; see `job`.
 
 One thread per process: with several, COLMAP calls its BLAS from all of them at once. The one in its wheels is built for
 a single thread, and two calls may share memory: then matches are missing or wrong, about once in a thousand runs. See
@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pycolmap
 
-from pocketgs.structure_from_motion.database import add_camera, add_image, number_names, write_pairs
-from pocketgs.structure_from_motion.job import announce_count, serve
-from pocketgs.structure_from_motion.match_file import write_match_file
-from pocketgs.structure_from_motion.matching_job import MatchingJob, MatchingOutcome
+from pocketgs.structure_from_motion.colmap.database import add_camera, add_image, number_names, write_pairs
+from pocketgs.structure_from_motion.colmap.job import announce_count, serve
+from pocketgs.structure_from_motion.colmap.match_file import write_match_file
+from pocketgs.structure_from_motion.colmap.matching_job import MatchingJob, MatchingOutcome
 
 PAIRS_AT_ONCE = 200
 """Pairs matched between two progress reports. Each time, COLMAP indexes their images again: for each image, that takes

@@ -1,4 +1,7 @@
-"""COLMAP's triangulation at known poses, run as `python -m pocketgs.structure_from_motion.triangulation`; see `job`."""
+"""COLMAP's triangulation at known poses.
+
+Run as `python -m pocketgs.structure_from_motion.colmap.triangulation`; see `job`.
+"""
 
 from __future__ import annotations
 
@@ -6,9 +9,9 @@ from pathlib import Path
 
 import pycolmap
 
-from pocketgs.structure_from_motion.job import announce, serve
-from pocketgs.structure_from_motion.matching import match_pairs
-from pocketgs.structure_from_motion.triangulation_job import PosedCamera, TriangulationJob, TriangulationOutcome
+from pocketgs.structure_from_motion.colmap.job import announce, serve
+from pocketgs.structure_from_motion.colmap.matching import match_pairs
+from pocketgs.structure_from_motion.colmap.triangulation_job import PosedCamera, TriangulationJob, TriangulationOutcome
 
 
 def run(job: TriangulationJob) -> TriangulationOutcome:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 
-from pocketgs.structure_from_motion.matching_job import MatchingJob
+from pocketgs.structure_from_motion.colmap.matching_job import MatchingJob
 from pocketgs.structure_from_motion.photographs import Photograph
 from pocketgs.structure_from_motion.process import run_side_by_side
 from pocketgs.structure_from_motion.work import Count
@@ -33,7 +33,7 @@ def match(
         on_count: called with the number of pairs done, and their total.
 
     Returns:
-        Files with the matches, see `match_file`. The matches are the same for any number of processes.
+        Files with the matches, see `colmap/match_file.py`. The matches are the same for any number of processes.
 
     Raises:
         PocketGSError: COLMAP failed.

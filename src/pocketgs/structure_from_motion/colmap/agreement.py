@@ -13,6 +13,7 @@ import pycolmap
 
 from pocketgs.geometry.agreement import PAIR_FIT, agreeing_groups
 from pocketgs.geometry.epipolar import essential_matrix, sampson_distances
+from pocketgs.structure_from_motion.colmap.bundle_adjustment import adjust_bundle
 
 TOLERANCE = 4.0
 """Distance in pixels from epipolar lines up to which a match fits: that of COLMAP's verification."""
@@ -55,11 +56,7 @@ def split(model: pycolmap.Reconstruction, database: pycolmap.Database, refine_le
         return Split([], [])
     for number in np.array(images)[~kept].tolist():
         model.deregister_frame(model.images[number].frame_id)
-    options = pycolmap.BundleAdjustmentOptions()
-    options.print_summary = False
-    options.refine_focal_length = options.refine_extra_params = refine_lenses
-    options.ceres.solver_options.num_threads = 1
-    pycolmap.bundle_adjustment(model, options)
+    adjust_bundle(model, refine_focal_length=refine_lenses, refine_extra_params=refine_lenses)
     pycolmap.ObservationManager(model).filter_all_points3D(MAX_ERROR, MIN_ANGLE)
     model.update_point_3d_errors()
     between = (kept[:, None] != kept) & (fit > JOINED)

@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 import pycolmap
 
-from pocketgs.structure_from_motion.agreement import Split, forget, split
-from pocketgs.structure_from_motion.job import announce, announce_count
-from pocketgs.structure_from_motion.mapping_job import MappingJob
+from pocketgs.structure_from_motion.colmap.agreement import Split, forget, split
+from pocketgs.structure_from_motion.colmap.job import announce, announce_count
+from pocketgs.structure_from_motion.colmap.mapping_job import MappingJob
 
 MIN_MODEL, MIN_POINTS = 3, 20
 """Minimum number of images and of points of a model."""

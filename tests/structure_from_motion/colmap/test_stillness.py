@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pocketgs.structure_from_motion.stillness import STILL, stands_still
+from pocketgs.structure_from_motion.colmap.stillness import STILL, stands_still
 
 
 @pytest.mark.parametrize(
@@ -27,3 +27,9 @@ def test_most_matches_decide() -> None:
 
 def test_without_matching_pairs() -> None:
     assert not stands_still([])
+
+
+@pytest.mark.parametrize(("shift", "expected"), [(0.005, True), (0.015, False)])
+def test_small_steps_are_steps(shift: float, expected: bool) -> None:
+    """By 1.5 % of the diagonal, 75 pixels of a phone's 5000, things shift for someone who walks slowly."""
+    assert stands_still([np.tile([shift, 0.0], (20, 1))] * 10) == expected

@@ -18,8 +18,8 @@ import pytest
 from PIL import Image
 
 from pocketgs.errors import PocketGSError
-from pocketgs.structure_from_motion import matches
-from pocketgs.structure_from_motion.match_file import read_match_file
+from pocketgs.structure_from_motion import run_matching
+from pocketgs.structure_from_motion.colmap.match_file import read_match_file
 from pocketgs.structure_from_motion.photographs import Photograph, read_photographs
 from pocketgs.structure_from_motion.process import run_side_by_side
 
@@ -50,12 +50,12 @@ def test_any_number_of_processes_finds_the_same_matches(
     photographs: list[Photograph], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pairs = list(combinations(sorted(photograph.name for photograph in photographs), 2))
-    monkeypatch.setattr(matches, "PAIRS_PER_PROCESS", 1)
+    monkeypatch.setattr(run_matching, "PAIRS_PER_PROCESS", 1)
     answers = []
     for processes in (1, 3):
-        monkeypatch.setattr(matches, "usable_cores", lambda processes=processes: processes)
+        monkeypatch.setattr(run_matching, "usable_cores", lambda processes=processes: processes)
         counts: list[tuple[int, int]] = []
-        files = matches.match(
+        files = run_matching.match(
             photographs, pairs, tmp_path / "workspace", lambda done, of, counts=counts: counts.append((done, of))
         )
         assert len(files) == processes
@@ -78,7 +78,7 @@ def test_any_number_of_processes_finds_the_same_matches(
 
 def test_photographs_that_share_nothing_have_no_matches(photographs: list[Photograph], tmp_path: Path) -> None:
     pairs = [(photographs[0].name, "blank.png")]
-    assert found(matches.match(photographs, pairs, tmp_path / "workspace", lambda done, of: None)) == {}
+    assert found(run_matching.match(photographs, pairs, tmp_path / "workspace", lambda done, of: None)) == {}
 
 
 def job(folder: Path, number: int, features: Path | str) -> dict[str, Any]:
@@ -129,16 +129,16 @@ def test_a_process_that_is_killed_is_an_error(tmp_path: Path, endless: dict[str,
 def test_the_number_of_processes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """No more than cores, than are worth starting, and than fit half of the memory and of the disk."""
     gigabytes = {"memory": 100.0, "disk": 100.0}
-    monkeypatch.setattr(matches, "usable_cores", lambda: 8)
-    monkeypatch.setattr(matches, "free_memory", lambda: gigabytes["memory"] * 1e9)
+    monkeypatch.setattr(run_matching, "usable_cores", lambda: 8)
+    monkeypatch.setattr(run_matching, "free_memory", lambda: gigabytes["memory"] * 1e9)
     monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=gigabytes["disk"] * 1e9))
-    assert matches._processes(10_000, 100, tmp_path) == 8
-    assert matches._processes(3 * matches.PAIRS_PER_PROCESS, 100, tmp_path) == 3
-    assert matches._processes(1, 2, tmp_path) == 1
+    assert run_matching._processes(10_000, 100, tmp_path) == 8
+    assert run_matching._processes(3 * run_matching.PAIRS_PER_PROCESS, 100, tmp_path) == 3
+    assert run_matching._processes(1, 2, tmp_path) == 1
     for kind in gigabytes:
         monkeypatch.setitem(gigabytes, kind, 1)
-        assert matches._processes(10_000, 40, tmp_path) == 2
-        assert matches._processes(10_000, 1000, tmp_path) == 1
+        assert run_matching._processes(10_000, 40, tmp_path) == 2
+        assert run_matching._processes(10_000, 1000, tmp_path) == 1
         monkeypatch.setitem(gigabytes, kind, 100)
 
 
