@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from plyfile import PlyData, PlyElement
 
-from pocketgs.capture.cloud_file import MOST_POINTS, read_cloud
+from pocketgs.capture.decoding.cloud_file import MOST_POINTS, read_cloud
 from pocketgs.errors import PocketGSError
 from pocketgs.files.memory_bound import memory_bound
 

@@ -10,7 +10,7 @@ import pytest
 from PIL import Image, ImageCms
 
 from capture.photographs import PICTURE, RAMP, display_p3, on_its_side
-from pocketgs.capture.image_file import read_colour
+from pocketgs.capture.decoding.image_file import read_colour
 from pocketgs.capture.photograph_copy import place_photograph
 
 SRGB = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()

@@ -11,8 +11,8 @@ from PIL import Image
 
 from capture.photographs import PICTURE, RAMP, on_its_side
 from pocketgs.capture import open_capture
-from pocketgs.capture.depth_file import read_depth
-from pocketgs.capture.image_file import read_colour, read_grey, read_header
+from pocketgs.capture.decoding.depth_file import read_depth
+from pocketgs.capture.decoding.image_file import read_colour, read_grey, read_header
 from pocketgs.capture.open import list_capture
 from pocketgs.capture.unposed import find_photographs
 from pocketgs.errors import PocketGSError

@@ -12,8 +12,8 @@ import pytest
 from PIL import Image
 
 from pocketgs.capture import open_capture
-from pocketgs.capture.mask_file import read_mask
-from pocketgs.capture.masks import match
+from pocketgs.capture.decoding.mask_file import read_mask
+from pocketgs.capture.masks import match_masks
 from pocketgs.errors import PocketGSError
 
 MASK = np.zeros((12, 16), np.uint8)
@@ -235,24 +235,28 @@ def test_masks_in_folders_as_the_photographs(tmp_path):
     names = [f"images/cam{camera}/{number}.jpg" for camera in "ab" for number in range(3)]
     for name in names:
         save(tmp_path / f"masks/{Path(name).parent.name}/{Path(name).name}.png")
-    found = match(names, tmp_path / "masks")
+    found = match_masks(names, tmp_path / "masks")
     assert {name: mask.parent.name for name, mask in found.items()} == {name: name[7:11] for name in names}
     shutil.rmtree(tmp_path / "masks/camb")
-    assert set(match(names, tmp_path / "masks")) == set(names[:3])
+    assert set(match_masks(names, tmp_path / "masks")) == set(names[:3])
     shutil.move(tmp_path / "masks/cama/0.jpg.png", tmp_path / "masks/0.jpg.png")
     with pytest.raises(PocketGSError, match=r"fits both images/cama/0\.jpg and images/camb/0\.jpg"):
-        match(names, tmp_path / "masks")
+        match_masks(names, tmp_path / "masks")
 
 
 def test_numbers_decide_only_where_all_agree(tmp_path):
     names = [f"images/IMG_{number}.jpg" for number in (7, 8, 9)]
     for number in (7, 8):
         save(tmp_path / f"masks/{number:04d}.png")
-    assert match(names, tmp_path / "masks") == {}
+    assert match_masks(names, tmp_path / "masks") == {}
     save(tmp_path / "masks/0009.png")
-    assert [mask.name for mask in match(names, tmp_path / "masks").values()] == ["0007.png", "0008.png", "0009.png"]
+    assert [mask.name for mask in match_masks(names, tmp_path / "masks").values()] == [
+        "0007.png",
+        "0008.png",
+        "0009.png",
+    ]
     save(tmp_path / "masks/overview.png")
-    assert match(names, tmp_path / "masks") == {}
+    assert match_masks(names, tmp_path / "masks") == {}
 
 
 def test_kinds_of_masks(tmp_path):

@@ -29,6 +29,14 @@ def test_what_is_there_is_named(tmp_path):
         open_capture(tmp_path / "scan.zip")
 
 
+@pytest.mark.parametrize(("name", "program"), [("cameras.sfm", "Meshroom"), ("house.PSX", "Metashape")])
+def test_projects_of_other_programs_are_named(tmp_path, name, program):
+    (tmp_path / name).touch()
+    for path in (tmp_path, tmp_path / name):
+        with pytest.raises(PocketGSError, match=rf"{name} is a project of {program}: export its cameras for COLMAP"):
+            open_capture(path)
+
+
 def test_a_folder_stands_for_the_only_video_in_it(tmp_path, write_transforms):
     video, other = tmp_path / "clip/walk.MOV", tmp_path / "clip/more.mp4"
     video.parent.mkdir()

@@ -11,7 +11,7 @@ import pytest
 from PIL import ExifTags, Image
 
 from capture.photographs import PICTURE, on_its_side
-from pocketgs.capture.image_file import read_colour, read_header
+from pocketgs.capture.decoding.image_file import read_colour, read_header
 from pocketgs.capture.open import lacks_poses
 from pocketgs.capture.photograph_copy import names_of_copies, place_masks, place_photograph
 from pocketgs.capture.unposed import find_photographs

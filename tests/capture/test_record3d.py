@@ -14,7 +14,7 @@ import pytest
 
 from capture.phone_layouts import edit_json, expected_depth, frames_of, in_order, zip_folder
 from pocketgs.capture import open_capture
-from pocketgs.capture.lzfse import most_unpacked, read_compressed
+from pocketgs.capture.decoding.lzfse import most_unpacked, read_compressed
 from pocketgs.capture.open import read_listing
 from pocketgs.errors import PocketGSError
 from pocketgs.files.memory_bound import memory_bound

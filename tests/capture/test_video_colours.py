@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from capture.hdr_videos import PALETTE, hlg_signal, pq_signal, write_hdr
-from pocketgs.capture.video_colours import HLG, PQ, REFERENCE_WHITE, is_srgb, to_srgb
-from pocketgs.capture.video_file import read_frames, sharpness_of_frames, video_size
+from pocketgs.capture.decoding.video_colours import HLG, PQ, REFERENCE_WHITE, is_srgb, to_srgb
+from pocketgs.capture.decoding.video_file import read_frames, sharpness_of_frames, video_size
 
 BT709, BT2020, DISPLAY_P3, SDR, UNKNOWN = 1, 9, 12, 1, 2
 SIGNALS = {HLG: hlg_signal, PQ: pq_signal}

@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from capture.phone_layouts import with_quarter_turn
+from pocketgs.capture.decoding.video_file import read_frames, sharpest_frames, video_size
 from pocketgs.capture.sharpness import sharpest_in_windows, sharpness
-from pocketgs.capture.video_file import read_frames, sharpest_frames, video_size
 from pocketgs.errors import PocketGSError
 from pocketgs.results.video import write_video
 

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from playwright.sync_api import Error
 
+from pocketgs.capture.decoding.video_file import VideoFrame
 from pocketgs.capture.hold_out import choose_held_out
 from pocketgs.capture.masks import with_masks
 from pocketgs.capture.open import read_listing
-from pocketgs.capture.video_file import VideoFrame
 from pocketgs.errors import PocketGSError
 
 Call = Callable[..., Any]

@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from PIL import Image
 from playwright.sync_api import Error
 
-from pocketgs.capture.depth_file import read_depth
+from pocketgs.capture.decoding.depth_file import read_depth
 from pocketgs.capture.listing import FrameSource
 from pocketgs.capture.loading import reliable_depth
 from pocketgs.geometry.camera import Camera

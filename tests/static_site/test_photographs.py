@@ -15,7 +15,7 @@ import pytest
 from PIL import Image, ImageCms, PngImagePlugin
 from playwright.sync_api import Error
 
-from pocketgs.capture.image_file import read_colour
+from pocketgs.capture.decoding.image_file import read_colour
 from pocketgs.capture.listing import FrameSource
 from pocketgs.capture.loading import Preparation, load_frame
 from pocketgs.geometry.camera import Camera

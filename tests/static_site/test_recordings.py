@@ -13,9 +13,9 @@ from playwright.sync_api import Error
 
 from capture.phone_layouts import edit_json, in_order, with_quarter_turn, write_polycam, zip_folder
 from pocketgs.capture import Capture
+from pocketgs.capture.decoding.video_file import read_frames, sharpness_of_frames
 from pocketgs.capture.open import read_listing
 from pocketgs.capture.sharpness import sharpest_in_windows
-from pocketgs.capture.video_file import read_frames, sharpness_of_frames
 from static_site.reading import READ, assert_same, read
 from static_site.videos import without_first, write_h264, write_hevc
 

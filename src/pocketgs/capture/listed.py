@@ -8,8 +8,8 @@ from functools import cached_property
 from pathlib import Path
 
 from pocketgs.capture.capture import Capture, Frame
+from pocketgs.capture.decoding.image_file import ImageHeader, UndecodableImageError
 from pocketgs.capture.frame_edits import size_after
-from pocketgs.capture.image_file import ImageHeader, UndecodableImageError
 from pocketgs.capture.left_out import damaged_warning, depth_warnings, mask_warnings, masked_out_warning
 from pocketgs.capture.listing import FrameSource, Listing
 from pocketgs.capture.loading import MAX_READERS, Preparation, camera_of_size, header_of, load_frames

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from pocketgs.capture.video_file import VideoFrame
+from pocketgs.capture.decoding.video_file import VideoFrame
 from pocketgs.files.paths import CaptureFile
 from pocketgs.geometry.camera import Camera
 from pocketgs.geometry.lens import PINHOLE, Lens

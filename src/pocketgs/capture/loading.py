@@ -12,14 +12,14 @@ from typing import Literal
 import numpy as np
 
 from pocketgs.capture.capture import Frame, Result
-from pocketgs.capture.depth_file import read_depth, read_reliable
+from pocketgs.capture.decoding.depth_file import read_depth, read_reliable
+from pocketgs.capture.decoding.image_file import ImageHeader, UndecodableImageError, read_colour, read_header
+from pocketgs.capture.decoding.mask_file import read_mask
+from pocketgs.capture.decoding.video_file import VideoFrame, read_frames
 from pocketgs.capture.frame_edits import cropped, downscaled, nearest, undistorted
-from pocketgs.capture.image_file import ImageHeader, UndecodableImageError, read_colour, read_header
 from pocketgs.capture.listing import FrameSource
-from pocketgs.capture.mask_file import read_mask
 from pocketgs.capture.masks import OutsideMasks
 from pocketgs.capture.undistortion import forget_undistortions
-from pocketgs.capture.video_file import VideoFrame, read_frames
 from pocketgs.errors import PocketGSError
 from pocketgs.files.opening import reading_inside
 from pocketgs.files.paths import CaptureFile

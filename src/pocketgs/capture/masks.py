@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path, PurePosixPath
 from typing import Literal
 
-from pocketgs.capture.image_file import read_size
+from pocketgs.capture.decoding.image_file import read_size
 from pocketgs.capture.last_numbers import NUMBERLESS, last_number, pair_by_number
 from pocketgs.capture.listing import FrameSource, Listing
 from pocketgs.capture.named_images import spelling
@@ -25,7 +25,7 @@ OutsideMasks = Literal["unknown", "empty"]
 FOLDERS = ("masks", "mask")
 
 
-def named_folder(capture: Path, masks: str) -> Path | None:
+def masks_folder(capture: Path, masks: str) -> Path | None:
     """The folder of masks that the user named, inside the capture or elsewhere; None for "found" and "none".
 
     Raises:
@@ -40,7 +40,7 @@ def named_folder(capture: Path, masks: str) -> Path | None:
     return folder
 
 
-def require(path: Path, has_masks: bool) -> None:
+def check_has_masks(path: Path, has_masks: bool) -> None:
     """Refuse a capture without masks where what lies outside them should be empty.
 
     Raises:
@@ -65,7 +65,7 @@ def with_masks(listing: Listing, capture: Path, masks: str) -> Listing:
     if masks == NONE:
         return replace(listing, frames=[replace(frame, mask_path=None) for frame in listing.frames])
     names = [frame.name for frame in listing.frames]
-    folder = named_folder(capture, masks)
+    folder = masks_folder(capture, masks)
     if folder is not None:
         return _with(listing, _match_all(names, folder), folder)
     if any(frame.mask_path is not None for frame in listing.frames):
@@ -95,10 +95,10 @@ def find_masks(names: Sequence[str], capture: Path, masks: str) -> dict[str, Pat
     """
     if masks == NONE:
         return {}
-    folder = named_folder(capture, masks)
+    folder = masks_folder(capture, masks)
     if folder is not None:
         return _match_all(names, folder)
-    matches = (match(names, beside) for beside in _folders_of_masks(names, capture))
+    matches = (match_masks(names, beside) for beside in _folders_of_masks(names, capture))
     return next(filter(None, matches), {})
 
 
@@ -164,7 +164,7 @@ def check_for_video(video: Path, folder: Path) -> None:
         )
 
 
-def match(names: Sequence[str], folder: Path) -> dict[str, Path]:
+def match_masks(names: Sequence[str], folder: Path) -> dict[str, Path]:
     """Match the masks in a folder and its sub-folders to photographs; returns them by photograph.
 
     A mask has its photograph's name with another suffix or, as in COLMAP, with a second one. Sub-folders mirror those
@@ -193,8 +193,8 @@ def match(names: Sequence[str], folder: Path) -> dict[str, Path]:
 
 
 def _match_all(names: Sequence[str], folder: Path) -> dict[str, Path]:
-    """As `match`, but finding no mask at all is an error."""
-    found = match(names, folder)
+    """As `match_masks`, but finding no mask at all is an error."""
+    found = match_masks(names, folder)
     if not found:
         example = PurePosixPath(names[0])
         raise PocketGSError(

@@ -9,17 +9,17 @@ from itertools import chain
 from pathlib import Path
 from typing import Protocol, get_args
 
-from pocketgs.capture import masks as masks_of
 from pocketgs.capture.capture import Capture
+from pocketgs.capture.decoding.video_file import VIDEO_SUFFIXES
 from pocketgs.capture.formats import blender, colmap, llff, nerfstudio, polycam, record3d, scanner_app, stray_scanner
 from pocketgs.capture.hold_out import FEWEST_TO_HOLD_OUT, HOLD_OUT_EVERY, choose_held_out
 from pocketgs.capture.listed import ListedCapture
 from pocketgs.capture.listing import Listing
 from pocketgs.capture.loading import LensHandling, Preparation
+from pocketgs.capture.masks import FOUND, OutsideMasks, check_has_masks, masks_folder, with_masks
 from pocketgs.capture.origin import near_origin
 from pocketgs.capture.unposed import USUAL_FOLDER, find_photographs_in, holds_photographs, only_video
 from pocketgs.capture.unrecognised import MAX_NAMES, what_is_there
-from pocketgs.capture.video_file import VIDEO_SUFFIXES
 from pocketgs.errors import PocketGSError, listed
 from pocketgs.files.opening import folder_of, reading_inside
 from pocketgs.files.paths import IMAGE_SUFFIXES, relative_name
@@ -54,8 +54,8 @@ def open_capture(
     background: Background | None = None,
     lens: LensHandling = "undistort",
     hold_out_every: int = HOLD_OUT_EVERY,
-    masks: str = masks_of.FOUND,
-    outside_masks: masks_of.OutsideMasks = "unknown",
+    masks: str = FOUND,
+    outside_masks: OutsideMasks = "unknown",
 ) -> Capture:
     """Read a capture of any supported format into memory.
 
@@ -106,8 +106,8 @@ def list_capture(
     background: Background | None = None,
     lens: LensHandling = "undistort",
     hold_out_every: int = HOLD_OUT_EVERY,
-    masks: str = masks_of.FOUND,
-    outside_masks: masks_of.OutsideMasks = "unknown",
+    masks: str = FOUND,
+    outside_masks: OutsideMasks = "unknown",
 ) -> ListedCapture:
     """List a capture without decoding photographs; arguments as in `open_capture`.
 
@@ -119,9 +119,9 @@ def list_capture(
     listing = read_listing(path, images)
     place = located(path)
     folder = place if place.is_dir() else place.parent
-    listing = masks_of.with_masks(listing, folder, masks)
+    listing = with_masks(listing, folder, masks)
     if outside_masks == "empty":
-        masks_of.require(path, any(frame.mask_path is not None for frame in listing.frames))
+        check_has_masks(path, any(frame.mask_path is not None for frame in listing.frames))
     held_out_names, split = choose_held_out(listing, hold_out_every)
     count = len(listing.frames)
     if all(frame.name in held_out_names for frame in listing.frames):
@@ -136,7 +136,7 @@ def list_capture(
         downscale or 1.0,
         max_size,
         folder=folder_of(path),
-        masks=masks_of.named_folder(folder, masks),
+        masks=masks_folder(folder, masks),
         outside_masks=outside_masks,
     )
     return ListedCapture(
@@ -291,8 +291,8 @@ def check_options(
         raise PocketGSError(f"max_size {max_size}, expected at least 1 pixel")
     if lens not in get_args(LensHandling):
         raise PocketGSError(f"lens {lens!r}, expected {', '.join(get_args(LensHandling))}")
-    if outside_masks not in get_args(masks_of.OutsideMasks):
-        raise PocketGSError(f"outside_masks {outside_masks!r}, expected {', '.join(get_args(masks_of.OutsideMasks))}")
+    if outside_masks not in get_args(OutsideMasks):
+        raise PocketGSError(f"outside_masks {outside_masks!r}, expected {', '.join(get_args(OutsideMasks))}")
     if hold_out_every < 0 or hold_out_every == 1:
         raise PocketGSError(f"held out every {hold_out_every} frames, expected at least 2, or 0 for none")
     if background is not None:

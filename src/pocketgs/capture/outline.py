@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from pocketgs.capture.image_file import DECODING, DECODING_ALPHA
+from pocketgs.capture.decoding.image_file import DECODING, DECODING_ALPHA
 from pocketgs.capture.undistortion import MAP_PIXEL, MAX_KEPT
 
 Size = tuple[int, int]

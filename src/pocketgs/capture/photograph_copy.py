@@ -12,8 +12,15 @@ from pathlib import Path
 import numpy as np
 from PIL import ExifTags, Image, ImageOps
 
-from pocketgs.capture.image_file import QUARTER_TURNS, UPRIGHT, ImageHeader, read_colour, read_header, read_image
-from pocketgs.capture.mask_file import read_mask
+from pocketgs.capture.decoding.image_file import (
+    QUARTER_TURNS,
+    UPRIGHT,
+    ImageHeader,
+    read_colour,
+    read_header,
+    read_image,
+)
+from pocketgs.capture.decoding.mask_file import read_mask
 from pocketgs.capture.named_images import spelling
 from pocketgs.errors import PocketGSError
 from pocketgs.files.atomic_file import replacing

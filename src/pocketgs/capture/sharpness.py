@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 import cv2
 import numpy as np
 
-from pocketgs.capture.image_file import read_grey
+from pocketgs.capture.decoding.image_file import read_grey
 from pocketgs.errors import PocketGSError
 from pocketgs.files.paths import CaptureFile
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from pocketgs.capture.video_file import VIDEO_SUFFIXES
+from pocketgs.capture.decoding.video_file import VIDEO_SUFFIXES
 from pocketgs.files.paths import is_folder_of_photographs, list_images
 
 USUAL_FOLDER = "images"

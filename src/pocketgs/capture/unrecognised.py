@@ -9,6 +9,17 @@ from pocketgs.errors import counted, listed
 from pocketgs.files.paths import UNREAD_SUFFIXES, relative_name
 
 ARCHIVE_SUFFIXES = frozenset({".zip", ".7z", ".rar", ".tar", ".gz", ".tgz", ".bz2", ".xz"})
+PROGRAMS = {
+    ".sfm": "Meshroom",
+    ".mg": "Meshroom",
+    ".psx": "Metashape",
+    ".psz": "Metashape",
+    ".rcproj": "RealityCapture",
+    ".rsproj": "RealityScan",
+    ".nvm": "VisualSFM",
+}
+"""Programs that find poses, by the suffix of their project files, which are not read."""
+
 MAX_NAMES = 4
 
 
@@ -19,7 +30,7 @@ def what_is_there(path: Path) -> str:
         OSError: a folder cannot be read.
     """
     if not path.is_dir():
-        return "it is an archive: unpack it first" if _is_archive(path) else ""
+        return "it is an archive: unpack it first" if _is_archive(path) else _project_of(path)
     by_folder, videos = photographs_by_folder(path), videos_in(path)
     if len(by_folder) > 1:
         sizes = [f"{relative_name(folder, path)} ({len(found)})" for folder, found in by_folder.items()]
@@ -29,7 +40,19 @@ def what_is_there(path: Path) -> str:
     archives = [file.name for file in sorted(path.iterdir()) if _is_archive(file)]
     if archives:
         return f"it holds {listed(archives, MAX_NAMES)}: unpack archives first"
-    return unread_pictures(path)
+    projects = map(_project_of, sorted(path.iterdir()))
+    return next(filter(None, projects), "") or unread_pictures(path)
+
+
+def _project_of(file: Path) -> str:
+    """What to do with a project file of another program; empty if it is none."""
+    program = PROGRAMS.get(file.suffix.lower())
+    if program is None:
+        return ""
+    return (
+        f"{file.name} is a project of {program}: export its cameras for COLMAP or as transforms.json, or name the "
+        "folder of its photographs, for which poses are computed"
+    )
 
 
 def unread_pictures(folder: Path) -> str:

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
+from pocketgs.capture.decoding.image_file import read_array
 from pocketgs.capture.formats import colmap_files
-from pocketgs.capture.image_file import read_array
 from pocketgs.capture.listing import FrameSource, Listing
 from pocketgs.capture.poses import camera_at, world_to_camera_from_axes
 from pocketgs.errors import PocketGSError

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path, PureWindowsPath
 
-from pocketgs.capture.cloud_file import read_cloud
+from pocketgs.capture.decoding.cloud_file import read_cloud
 from pocketgs.capture.formats.stated_intrinsics import NERFCAPTURE_FIELD
 from pocketgs.capture.formats.transforms_file import (
     absent_warning,

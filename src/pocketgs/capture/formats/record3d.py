@@ -18,8 +18,7 @@ from pocketgs.capture.sharpness import sharpest_photographs, thinning_warning
 from pocketgs.errors import PocketGSError, clipped
 from pocketgs.files.json_fields import Fields, parse_json
 from pocketgs.files.opening import read_bytes
-from pocketgs.files.paths import CaptureFile, existing_file
-from pocketgs.files.zip_names import without_here
+from pocketgs.files.paths import CaptureFile, existing_file, without_here
 
 FORMAT = "record3d"
 LOOKED_FOR = "a .r3d file, or metadata and rgbd/, or metadata.json and rgb/ with poses"

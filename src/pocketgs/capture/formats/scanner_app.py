@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pocketgs.capture.image_file import read_size
+from pocketgs.capture.decoding.image_file import read_size
 from pocketgs.capture.listing import FrameSource, Listing
 from pocketgs.capture.poses import ARKIT_PIXEL_CENTRE, camera_at, world_to_camera_from_opengl
 from pocketgs.capture.sharpness import sharpest_photographs, thinning_warning

@@ -12,10 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
+from pocketgs.capture.decoding.video_file import VideoFrame, sharpness_of_frames, video_size
 from pocketgs.capture.listing import FrameSource, Listing
 from pocketgs.capture.poses import ARKIT_PIXEL_CENTRE, camera_at, rotation_from_quaternion, world_to_camera_from_axes
 from pocketgs.capture.sharpness import MAX_FRAMES, sharpest_in_windows, thinning_warning
-from pocketgs.capture.video_file import VideoFrame, sharpness_of_frames, video_size
 from pocketgs.errors import PocketGSError, clipped
 from pocketgs.files.opening import read_bytes
 from pocketgs.files.paths import existing_file

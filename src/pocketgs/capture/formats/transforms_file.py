@@ -7,8 +7,8 @@ from pathlib import Path, PureWindowsPath
 
 import numpy as np
 
+from pocketgs.capture.decoding.image_file import read_size
 from pocketgs.capture.formats.stated_intrinsics import read_intrinsics, states_pixels
-from pocketgs.capture.image_file import read_size
 from pocketgs.capture.listing import FrameSource
 from pocketgs.capture.named_images import find_images, find_moved, find_stated
 from pocketgs.capture.poses import camera_at, world_to_camera_from_opengl

@@ -19,7 +19,7 @@ from pocketgs.capture.synthetic.recording import GroundTruth, check_sizes, frame
 from pocketgs.errors import PocketGSError
 from pocketgs.files.atomic_folder import replacing_folder
 from pocketgs.files.manifest import files_below
-from pocketgs.files.written_files import WRITTEN, check_only_written, somebodys
+from pocketgs.files.written_files import WRITTEN, check_only_written, without_browser_files
 from pocketgs.geometry.camera import Camera
 
 GENERATED, MADE_BY = "generated.json", "pocketgs demo"
@@ -152,7 +152,7 @@ def _read_stamp(folder: Path) -> dict[str, Any] | None:
     Raises:
         PocketGSError: the folder is a file, or was not made by `write_demo`.
     """
-    if not folder.exists() or (folder.is_dir() and not somebodys(path.name for path in folder.iterdir())):
+    if not folder.exists() or (folder.is_dir() and not without_browser_files(path.name for path in folder.iterdir())):
         return None
     try:
         stamp = json.loads((folder / GENERATED).read_text(encoding="utf-8"))

@@ -1,5 +1,5 @@
 /**
- * Reader of point clouds in .ply files, binary or text; see `capture/cloud_file.py`.
+ * Reader of point clouds in .ply files, binary or text; see `capture/decoding/cloud_file.py`.
  *
  * @module
  */
@@ -45,7 +45,7 @@ export async function readCloud(file, bounds) {
     return soundCloud({ positions, colours }, file, bounds);
 }
 
-/** What full colour is in numbers of the colours' type; see `capture/cloud_file.py`. */
+/** What full colour is in numbers of the colours' type; see `capture/decoding/cloud_file.py`. */
 function fullColour(properties, numberAt, count, { largest_fraction: fraction }) {
     let most = 0;
     for (let i = 0; i < count; i++) {

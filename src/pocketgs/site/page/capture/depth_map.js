@@ -1,5 +1,5 @@
 /**
- * Depth that a phone's sensor has measured; the twin of `capture/depth_file.py`.
+ * Depth that a phone's sensor has measured; the twin of `capture/decoding/depth_file.py`.
  *
  * @module
  */

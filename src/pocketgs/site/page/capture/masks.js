@@ -1,6 +1,6 @@
 /**
  * Masks of photographs: which image belongs to which photograph, in the layouts that other programs write, and which
- * pixels it says are to be used; see `capture/masks.py` and `capture/mask_file.py`.
+ * pixels it says are to be used; see `capture/masks.py` and `capture/decoding/mask_file.py`.
  *
  * @module
  */

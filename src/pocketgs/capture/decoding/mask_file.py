@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from PIL import Image, ImageOps
 
-from pocketgs.capture.image_file import SIXTEEN_BIT_MODES, high_bytes, read_image
+from pocketgs.capture.decoding.image_file import SIXTEEN_BIT_MODES, high_bytes, read_image
 from pocketgs.files.paths import CaptureFile
 
 HALF = 127

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pocketgs.capture.decoding.video_colours import is_srgb, to_srgb
 from pocketgs.capture.sharpness import sharpest_in_windows, sharpness
-from pocketgs.capture.video_colours import is_srgb, to_srgb
 from pocketgs.errors import PocketGSError
 from pocketgs.files.memory_bound import require_memory
 from pocketgs.files.opening import checked

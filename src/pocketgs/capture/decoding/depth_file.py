@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pocketgs.capture.image_file import read_array, read_numbers
-from pocketgs.capture.lzfse import read_compressed
+from pocketgs.capture.decoding.image_file import read_array, read_numbers
+from pocketgs.capture.decoding.lzfse import read_compressed
 from pocketgs.errors import PocketGSError
 from pocketgs.files.memory_bound import require_memory
 from pocketgs.files.opening import checked

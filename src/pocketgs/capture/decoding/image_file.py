@@ -12,7 +12,7 @@ from typing import TypeVar
 import numpy as np
 from PIL import ExifTags, Image, ImageOps
 
-from pocketgs.capture.colour_profile import in_srgb
+from pocketgs.capture.decoding.colour_profile import in_srgb
 from pocketgs.errors import PocketGSError, clipped
 from pocketgs.files.memory_bound import require_memory
 from pocketgs.files.opening import checked, open_file

@@ -1,0 +1,1 @@
+"""Decoding of photographs, masks, depth maps, videos and point clouds."""
