@@ -17,8 +17,8 @@ import pytest
 
 from documentation import PAGES, ROOT, SUBCOMMANDS, Command, commands, options, tables
 from pocketgs.cli import main
-from pocketgs.cli.bench import Everywhere
 from pocketgs.cli.capture_options import CaptureOptions
+from pocketgs.cli.commands.bench import Everywhere
 from pocketgs.extras import how_to_install
 
 if sys.version_info >= (3, 11):

@@ -21,7 +21,7 @@ from pocketgs.bench.methods import METHODS
 from pocketgs.bench.results import Cell, CellResult, read_results, write_result
 from pocketgs.cli import main
 
-command = import_module("pocketgs.cli.bench")
+command = import_module("pocketgs.cli.commands.bench")
 """The module; the package has a function of that name."""
 
 

@@ -6,7 +6,7 @@ import pytest
 import tyro
 
 from pocketgs.bench.methods import METHODS, methods_named
-from pocketgs.cli.bench import Everywhere
+from pocketgs.cli.commands.bench import Everywhere
 from pocketgs.errors import PocketGSError
 from pocketgs.training.options import TrainingOptions
 from pocketgs.training.planning.effort import sized

@@ -16,7 +16,14 @@ from pocketgs.bench.sources import PACKAGE, digest_of_sources
 @pytest.fixture
 def package(tmp_path: Path) -> Path:
     """A package of few sources."""
-    for place in ("run.py", "splat/adam.py", "splat/webgpu/sort.wgsl", "bench/table.py", "cli/bench.py", "viewer/a.py"):
+    for place in (
+        "run.py",
+        "splat/adam.py",
+        "splat/webgpu/sort.wgsl",
+        "bench/table.py",
+        "cli/commands/bench.py",
+        "viewer/a.py",
+    ):
         path = tmp_path / "package" / place
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(place)
@@ -44,7 +51,9 @@ def test_what_runs_compute_with_makes_a_difference(package: Path, change: Callab
     assert digest_of_sources(package) != before
 
 
-@pytest.mark.parametrize("place", ["bench/table.py", "cli/bench.py", "viewer/a.py", "viewer/b.wgsl", "splat/notes.md"])
+@pytest.mark.parametrize(
+    "place", ["bench/table.py", "cli/commands/bench.py", "viewer/a.py", "viewer/b.wgsl", "splat/notes.md"]
+)
 def test_what_measures_asks_and_shows_makes_none(package: Path, place: str) -> None:
     before = digest_of_sources(package)
     edit(package, place)

@@ -13,7 +13,8 @@ from pathlib import Path
 import pytest
 
 from pocketgs.capture.synthetic import write_demo
-from pocketgs.cli import demo, main
+from pocketgs.cli import main
+from pocketgs.cli.commands import demo
 
 
 @dataclass(frozen=True)

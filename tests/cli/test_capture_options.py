@@ -15,7 +15,7 @@ from pocketgs.cli.capture_options import CaptureOptions
 @pytest.fixture
 def no_poses(monkeypatch: pytest.MonkeyPatch) -> None:
     """Fail where structure from motion would begin."""
-    monkeypatch.setattr("pocketgs.cli.train.posed", lambda *_, **__: pytest.fail("poses are sought"))
+    monkeypatch.setattr("pocketgs.cli.commands.train.pose_once", lambda *_, **__: pytest.fail("poses are sought"))
 
 
 def test_warnings_and_masks_are_told(pocketgs: Callable, capture_folder: Path, tmp_path: Path) -> None:
@@ -86,7 +86,7 @@ def test_named_masks_of_photographs_without_poses_are_not_ignored(
     for image in photographs.iterdir():
         for folder in (people, capture_folder / "masks"):
             Image.new("L", (72, 96), 255).save(folder / f"{image.name}.png")
-    monkeypatch.setattr("pocketgs.cli.train.posed", lambda *_, **__: capture_folder)
+    monkeypatch.setattr("pocketgs.cli.commands.train.pose_once", lambda *_, **__: capture_folder)
     refused = pocketgs("train", photographs, "--output", tmp_path / "result", "--masks", people)
     assert refused.status == 2
     assert "mask of 72x96 pixels, expected the shape of its photograph, 96x72" in refused.errors

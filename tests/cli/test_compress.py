@@ -7,7 +7,7 @@ import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 import pytest
@@ -20,6 +20,7 @@ from pocketgs.compression.views import Views
 from pocketgs.errors import PocketGSError
 from pocketgs.results.checkpoint import CHECKPOINT, read_checkpoint, write_checkpoint
 from pocketgs.scene.formats import read_scene
+from pocketgs.training.options import TrainingOptions
 
 
 @pytest.fixture(autouse=True)
@@ -183,8 +184,8 @@ def test_views_too_small_to_report_on(
 def test_memory_is_checked_before_anything_is_rendered(
     pocketgs: Callable[..., Any], result: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("pocketgs.cli.compress.rendered", lambda *_: pytest.fail("rendered"))
-    monkeypatch.setattr("pocketgs.cli.compress.memory_needed", lambda *_: 10**13)
+    monkeypatch.setattr("pocketgs.cli.commands.compress.rendered", lambda *_: pytest.fail("rendered"))
+    monkeypatch.setattr("pocketgs.cli.commands.compress.memory_needed", lambda *_: 10**13)
     outcome = pocketgs("compress", result, "--output", tmp_path / "out.pgs")
     assert outcome.status == 2
     assert "compression would take" in outcome.errors
@@ -234,8 +235,8 @@ def test_the_reading_of_the_run_is_kept(
         seen.append(capture)
         raise PocketGSError("stopped")
 
-    monkeypatch.setattr("pocketgs.cli.compress.photographed", lambda capture: stop(None, capture))
-    monkeypatch.setattr("pocketgs.cli.distil.distil_scene", stop)
+    monkeypatch.setattr("pocketgs.cli.commands.compress.photographed", lambda capture: stop(None, capture))
+    monkeypatch.setattr("pocketgs.cli.commands.distil.distil_scene", stop)
     given = [command, result, written_capture, "--output", tmp_path / "out.pgs"]
     assert "warning" not in pocketgs(*given).errors
     outcome = pocketgs(*given, "--background", 0, 0, 0, "--hold-out", 3)
@@ -273,3 +274,19 @@ def test_a_run_outlives_its_compression(
         assert f"compress {tmp_path / 'result'} CAPTURE --output {tmp_path / 'result' / 'scene.pgs'}" in outcome.output
     assert (tmp_path / "result" / "scene.ply").is_file()
     assert all(frame.mask is not None and not frame.mask[0, 0] for frame in given[0].train)
+
+
+def test_two_fifths_of_a_time_budget_are_for_compression(
+    pocketgs: Callable[..., Any], written_capture: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    budgets: list[float | None] = []
+
+    def stop(_: object, __: Path, options: TrainingOptions, **___: object) -> NoReturn:
+        budgets.append(options.time_budget)
+        raise PocketGSError("enough is known")
+
+    monkeypatch.setattr(compressing_run, "run", stop)
+    command = ["train", written_capture, "--output", tmp_path / "out", "--compress"]
+    for options in ([], ["--time-budget", 50]):
+        assert "enough is known" in pocketgs(*command, *options).errors
+    assert budgets == [None, 30.0]

@@ -150,7 +150,7 @@ def test_reading_options_are_checked_before_poses_are_sought(
     (tmp_path / "photographs").mkdir()
     for number in range(3):
         Image.new("RGB", (64, 48)).save(tmp_path / "photographs" / f"{number}.jpg")
-    monkeypatch.setattr("pocketgs.cli.train.posed", lambda *_, **__: pytest.fail("sought poses"))
+    monkeypatch.setattr("pocketgs.cli.commands.train.pose_once", lambda *_, **__: pytest.fail("sought poses"))
     assert message in refused("train", tmp_path / "photographs", "--output", tmp_path / "new", *options)
 
 

@@ -21,8 +21,8 @@ pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no 
 # One thread, so that a busy machine does not make the threads wait for each other.
 ENDLESS = ["--prior", "none", "--iterations", 1_000_000, "--threads", 1]
 WITH_THE_DEMO_THAT_IS_THERE = (
-    "import pocketgs.cli.demo; from pocketgs.cli import main\n"
-    "pocketgs.cli.demo.write_demo = lambda folder: None\n"
+    "import pocketgs.cli.commands.demo; from pocketgs.cli import main\n"
+    "pocketgs.cli.commands.demo.write_demo = lambda folder: None\n"
     "main()"
 )
 WITH_MANY_CHECKPOINTS = (

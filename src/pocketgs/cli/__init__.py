@@ -1,4 +1,4 @@
-"""The `pocketgs` command: one file per subcommand, each a thin call of the public API."""
+"""The `pocketgs` command; `commands/` has one file per subcommand."""
 
 from __future__ import annotations
 
@@ -81,5 +81,5 @@ def _show_scene_warnings_only(errors: Terminal) -> None:
 
 def _subcommand(name: str) -> Callable[..., Any]:
     module = SUBCOMMANDS[name]
-    function: Callable[..., Any] = getattr(import_module(f"{__name__}.{module}"), module)
+    function: Callable[..., Any] = getattr(import_module(f"{__name__}.commands.{module}"), module)
     return function

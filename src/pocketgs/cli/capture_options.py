@@ -9,7 +9,7 @@ from pathlib import Path
 from pocketgs.capture import Capture, ListedCapture, list_capture
 from pocketgs.capture.hold_out import HOLD_OUT_EVERY
 from pocketgs.capture.loading import LensHandling
-from pocketgs.capture.masks import OutsideMasks, check_for_video, named_folder
+from pocketgs.capture.masks import OutsideMasks, check_for_video, masks_folder
 from pocketgs.capture.open import check_options
 from pocketgs.capture.unposed import is_video
 from pocketgs.cli.terminal import Terminal
@@ -81,7 +81,7 @@ class CaptureOptions:
                 "give the folder of the photographs themselves as the capture"
             )
         # A video's frames, and so their masks, belong to the capture that is made.
-        masks = named_folder(made if is_video(path) else path, self.masks)
+        masks = masks_folder(made if is_video(path) else path, self.masks)
         if is_video(path) and masks is not None:
             check_for_video(path, masks)
 

@@ -22,7 +22,7 @@ from pocketgs.results.run import RunResult, run
 from pocketgs.results.transients import without_transients
 from pocketgs.scene.edits import drawable
 from pocketgs.scene.formats.pgs import warn_of_coarse_grid
-from pocketgs.splat.engine import create_engine
+from pocketgs.splat.choose_engine import create_engine
 from pocketgs.training.options import TrainingOptions
 
 TRAINING_TIME = 0.6

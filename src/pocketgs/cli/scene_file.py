@@ -25,7 +25,8 @@ from pocketgs.scene.gaussians import Gaussians
 from pocketgs.sort_free.drawing import drawing_of
 from pocketgs.sort_free.file import is_sort_free, read_sort_free
 from pocketgs.sort_free.scene import SortFreeScene
-from pocketgs.splat.engine import EngineOptions, Renderer, create_engine
+from pocketgs.splat.choose_engine import create_engine
+from pocketgs.splat.engine import EngineOptions, Renderer
 
 AnyScene: TypeAlias = Gaussians | SortFreeScene
 """A scene that is drawn sorted, or one that is drawn without sorting."""

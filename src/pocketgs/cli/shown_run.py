@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from pocketgs.cli.display import Display
+from pocketgs.cli.page import FollowOptions, following
 from pocketgs.cli.run_result import print_result
 from pocketgs.cli.terminal import Terminal
-from pocketgs.cli.view import FollowOptions, following
 from pocketgs.results.reporter import Reporter
 from pocketgs.results.run import RunResult
 

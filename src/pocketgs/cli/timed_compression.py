@@ -8,7 +8,8 @@ from pocketgs.compression.compress import Compressed, compress
 from pocketgs.compression.options import CompressionOptions
 from pocketgs.compression.views import Views
 from pocketgs.scene.gaussians import Gaussians
-from pocketgs.splat.engine import Engine, EngineOptions, chosen_engine
+from pocketgs.splat.choose_engine import chosen_engine
+from pocketgs.splat.engine import Engine, EngineOptions
 from pocketgs.splat.rasterizer import Rasterizer
 from pocketgs.system.process import seconds_since_start
 

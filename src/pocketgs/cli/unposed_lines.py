@@ -6,10 +6,10 @@ from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
 
-from pocketgs.capture.image_file import UndecodableImageError, read_image
+from pocketgs.capture.decoding.image_file import UndecodableImageError, read_image
+from pocketgs.capture.decoding.video_file import video_size
 from pocketgs.capture.open import capture_name
 from pocketgs.capture.unposed import find_photographs, is_video
-from pocketgs.capture.video_file import video_size
 from pocketgs.errors import counted, listed
 from pocketgs.structure_from_motion.exif import Exif, read_exif
 

@@ -10,10 +10,11 @@ import tyro
 
 from pocketgs.cli.capture_options import CaptureOptions
 from pocketgs.cli.flags import flags_of
+from pocketgs.cli.page import PageOptions, announce, wait_for_ctrl_c
 from pocketgs.cli.terminal import Terminal
-from pocketgs.cli.view import PageOptions, announce, wait_for_ctrl_c
 from pocketgs.errors import PocketGSError
-from pocketgs.splat.engine import chosen_engine
+from pocketgs.splat.choose_engine import chosen_engine
+from pocketgs.system.device import MB
 from pocketgs.training.options import Effort, TrainingOptions
 
 
@@ -43,7 +44,7 @@ def serve(
     flags: dict[str, tuple[str, ...]] = {
         effort: (*flags_of(reading), *flags_of(replace(training, effort=effort))) for effort in efforts
     }
-    options = ServeOptions(flags, training.effort, max_upload * 1_000_000, network=page.host, port=page.port)
+    options = ServeOptions(flags, training.effort, max_upload * MB, network=page.host, port=page.port)
     with serving_folder(folder, options) as (served, warnings):
         console = Terminal()
         announce(served, page)

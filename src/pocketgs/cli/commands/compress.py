@@ -28,7 +28,8 @@ from pocketgs.results.held_out import check_comparable
 from pocketgs.scene.edits import drawable
 from pocketgs.scene.formats.pgs import warn_of_coarse_grid
 from pocketgs.scene.gaussians import Gaussians
-from pocketgs.splat.engine import Engine, EngineOptions, create_engine
+from pocketgs.splat.choose_engine import create_engine
+from pocketgs.splat.engine import Engine, EngineOptions
 
 SUFFIX = ".pgs"
 FIGURES = json_with("figures of compress", "photographs", "reported", "figures")

@@ -21,7 +21,7 @@ from pocketgs.scene.gaussians import Gaussians
 from pocketgs.sort_free.distil import DistilOptions, memory_needed
 from pocketgs.sort_free.distil import distil as distil_scene
 from pocketgs.sort_free.file import check_name, check_storable, write_sort_free
-from pocketgs.splat.engine import create_engine
+from pocketgs.splat.choose_engine import create_engine
 
 
 def distil(

@@ -128,8 +128,8 @@ def _statistics(scene: Gaussians) -> list[str]:
 
 
 def _weights_line(scene: SortFreeScene) -> str:
-    numbers = zip(scene.form.numbers, np.exp(scene.numbers), strict=True)
+    numbers = zip(scene.form.numbers, np.exp(scene.log_shared), strict=True)
     parts = [f"unit {scene.unit:.3g}", *(f"{name} {value:.3g}" for name, value in numbers)]
-    if scene.views.shape[1]:
-        parts.append(f"view-dependent weights of degree {SH_COEFFICIENTS.index(scene.views.shape[1])}")
+    if scene.visibility_sh.shape[1]:
+        parts.append(f"view-dependent weights of degree {SH_COEFFICIENTS.index(scene.visibility_sh.shape[1])}")
     return f"drawn without sorting, compositor {scene.form.name}: {', '.join(parts)}"

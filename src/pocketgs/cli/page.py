@@ -1,4 +1,4 @@
-"""`pocketgs view`, and the page that follows a training run."""
+"""The page that shows a scene or follows a run: its options, its address, and its end."""
 
 from __future__ import annotations
 
@@ -8,23 +8,12 @@ import time
 import webbrowser
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
-from functools import partial
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-import tyro
-
-from pocketgs.cli.capture_options import CaptureOptions
 from pocketgs.cli.run_lines import STAGES
-from pocketgs.cli.scene_file import in_world_of, load_any, read_for
 from pocketgs.cli.terminal import Terminal
 from pocketgs.errors import PocketGSError
-from pocketgs.files.memory_bound import DEFAULT_MB, memory_bound
-from pocketgs.files.opening import reading_inside
-from pocketgs.results.folder import SCENE
-from pocketgs.sort_free.file import write_sort_free
-from pocketgs.sort_free.scene import SortFreeScene
 
 if TYPE_CHECKING:
     from pocketgs.viewer.live import LiveRun
@@ -65,46 +54,6 @@ class FollowOptions(PageOptions):
 
     view: bool = False
     wait: bool = True
-
-
-def view(
-    scene: Annotated[Path, tyro.conf.Positional],
-    capture: Path | None = None,
-    max_memory: int = DEFAULT_MB,
-    page: PageOptions = PageOptions(),
-    reading: CaptureOptions = CaptureOptions(),  # noqa: B008 - a frozen dataclass
-) -> None:
-    """Show a scene in the browser, until Ctrl-C.
-
-    Args:
-        scene: A file with Gaussians, or a result folder.
-        capture: The capture's folder or its transforms.json, for its cameras and for photographs to compare with.
-        max_memory: Megabytes that reading may take; larger files are refused.
-        page: Options of the page's server.
-        reading: Options for reading the capture.
-    """
-    from pocketgs.viewer.readable import readable_file
-    from pocketgs.viewer.scene_content import scene_content
-    from pocketgs.viewer.server import serving
-
-    if capture is None:
-        reading.check_without_capture("--capture")
-    with memory_bound(max_memory):
-        with reading_inside(scene if scene.is_dir() else None):
-            shown = load_any(scene)
-        opened = in_world_of(scene, read_for(scene, capture, reading)) if capture else None
-    is_result = scene.is_dir()
-    title = scene.resolve().name if is_result else scene.stem
-    gaussians = shown.gaussians if isinstance(shown, SortFreeScene) else shown
-    write = partial(write_sort_free, scene=shown) if isinstance(shown, SortFreeScene) else shown.save
-    original = scene / SCENE if is_result else scene
-    with readable_file(original, write) as file:
-        content = scene_content(title, file, gaussians, scene if is_result else None, opened)
-        content = replace(content, is_copy=file != original)
-        with serving(content, network=page.host, port=page.port) as served:
-            announce(served, page)
-            Terminal().say("Ctrl-C stops it")
-            wait_for_ctrl_c()
 
 
 @contextmanager

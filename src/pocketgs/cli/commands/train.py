@@ -9,14 +9,14 @@ from typing import Annotated
 import tyro
 
 from pocketgs.capture import ListedCapture
-from pocketgs.capture.masks import FOUND, NONE, require
+from pocketgs.capture.masks import FOUND, NONE, check_has_masks
 from pocketgs.capture.open import capture_name, is_transforms_file, lacks_poses, video_of
 from pocketgs.capture.unposed import is_video
 from pocketgs.cli.capture_options import CaptureOptions
 from pocketgs.cli.compressing_run import CompressingRun
+from pocketgs.cli.page import FollowOptions
 from pocketgs.cli.shown_run import show_run
 from pocketgs.cli.terminal import Terminal
-from pocketgs.cli.view import FollowOptions
 from pocketgs.files.manifest import source_of
 from pocketgs.files.memory_bound import memory_bound
 from pocketgs.results.folder import check_free_for, posed_folder
@@ -25,7 +25,7 @@ from pocketgs.results.run import RunResult, run
 from pocketgs.structure_from_motion.folder import MASKS
 from pocketgs.structure_from_motion.images import source_masks
 from pocketgs.structure_from_motion.options import PoseOptions
-from pocketgs.structure_from_motion.pose import posed
+from pocketgs.structure_from_motion.pose import pose_once
 from pocketgs.training.options import TrainingOptions
 
 
@@ -85,8 +85,8 @@ def _listed(
     # Masks have the names of photographs; a video's frames get theirs only now.
     masks = FOUND if is_video(capture) else reading.masks
     if reading.outside_masks == "empty":
-        require(capture, _may_have_masks(capture, found, reading.masks))
-    made = posed(
+        check_has_masks(capture, _may_have_masks(capture, found, reading.masks))
+    made = pose_once(
         capture,
         found,
         PoseOptions(masks=masks),

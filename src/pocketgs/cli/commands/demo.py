@@ -6,9 +6,9 @@ from pathlib import Path
 
 from pocketgs.capture import ListedCapture, list_capture
 from pocketgs.capture.synthetic import write_demo
+from pocketgs.cli.page import FollowOptions
 from pocketgs.cli.shown_run import show_run
 from pocketgs.cli.terminal import Terminal
-from pocketgs.cli.view import FollowOptions
 from pocketgs.files.memory_bound import memory_bound
 from pocketgs.results.reporter import Reporter
 from pocketgs.results.run import RunResult, run

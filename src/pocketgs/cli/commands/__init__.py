@@ -1,0 +1,1 @@
+"""One file per subcommand, each a thin call of the public API."""

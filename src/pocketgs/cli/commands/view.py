@@ -1,0 +1,60 @@
+"""`pocketgs view`."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from pocketgs.cli.capture_options import CaptureOptions
+from pocketgs.cli.page import PageOptions, announce, wait_for_ctrl_c
+from pocketgs.cli.scene_file import in_world_of, load_any, read_for
+from pocketgs.cli.terminal import Terminal
+from pocketgs.files.memory_bound import DEFAULT_MB, memory_bound
+from pocketgs.files.opening import reading_inside
+from pocketgs.results.folder import SCENE
+from pocketgs.sort_free.file import write_sort_free
+from pocketgs.sort_free.scene import SortFreeScene
+
+
+def view(
+    scene: Annotated[Path, tyro.conf.Positional],
+    capture: Path | None = None,
+    max_memory: int = DEFAULT_MB,
+    page: PageOptions = PageOptions(),  # noqa: B008 - a frozen dataclass
+    reading: CaptureOptions = CaptureOptions(),  # noqa: B008 - likewise
+) -> None:
+    """Show a scene in the browser, until Ctrl-C.
+
+    Args:
+        scene: A file with Gaussians, or a result folder.
+        capture: The capture's folder or its transforms.json, for its cameras and for photographs to compare with.
+        max_memory: Megabytes that reading may take; larger files are refused.
+        page: Options of the page's server.
+        reading: Options for reading the capture.
+    """
+    from pocketgs.viewer.readable import readable_file
+    from pocketgs.viewer.scene_content import scene_content
+    from pocketgs.viewer.server import serving
+
+    if capture is None:
+        reading.check_without_capture("--capture")
+    with memory_bound(max_memory):
+        with reading_inside(scene if scene.is_dir() else None):
+            shown = load_any(scene)
+        opened = in_world_of(scene, read_for(scene, capture, reading)) if capture else None
+    is_result = scene.is_dir()
+    title = scene.resolve().name if is_result else scene.stem
+    gaussians = shown.gaussians if isinstance(shown, SortFreeScene) else shown
+    write = partial(write_sort_free, scene=shown) if isinstance(shown, SortFreeScene) else shown.save
+    original = scene / SCENE if is_result else scene
+    with readable_file(original, write) as file:
+        content = scene_content(title, file, gaussians, scene if is_result else None, opened)
+        content = replace(content, is_copy=file != original)
+        with serving(content, network=page.host, port=page.port) as served:
+            announce(served, page)
+            Terminal().say("Ctrl-C stops it")
+            wait_for_ctrl_c()
