@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from pocketgs.geometry.camera import look_at
-from pocketgs.prior.depth.consistency import Views
+from pocketgs.prior.depth.consistency import SweptViews
 
 
-def random_views(seed: int) -> Views:
+def random_views(seed: int) -> SweptViews:
     """Three views from around of something at a distance of 4, of different sizes.
 
     Some depths are unknown, and on the left most are noise.
@@ -22,10 +22,10 @@ def random_views(seed: int) -> Views:
         depth[height:], depth[:, width:] = 4.0, 4.0  # never to be looked at
     intrinsics = np.array([(12.0, 13.0, width / 2, height / 2 + 1) for height, width in sizes])
     rotations, translations = np.array([p[:3, :3] for p in poses]), np.array([p[:3, 3] for p in poses])
-    return Views(depths, intrinsics, sizes, rotations, translations, np.array([1e-4, 0.005, 0.001]))
+    return SweptViews(depths, intrinsics, sizes, rotations, translations, np.array([1e-4, 0.005, 0.001]))
 
 
-def with_copy(views: Views, apart: float) -> Views:
+def with_copy(views: SweptViews, apart: float) -> SweptViews:
     """The same, but the second view looks as the first does, from a place beside it."""
     rotations, translations = views.rotations.copy(), views.translations.copy()
     rotations[1], translations[1] = rotations[0], translations[0] + [apart, 0, 0]

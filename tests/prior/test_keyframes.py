@@ -15,8 +15,8 @@ from pocketgs.capture.capture import Capture, Frame
 from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera, look_at
 from pocketgs.prior import keyframes
+from pocketgs.prior.depth.source_views import LEAST_PARALLAX
 from pocketgs.prior.keyframes import WIDEST_ANGLE, Decision, KeyframeSettings, select_keyframes
-from pocketgs.prior.parallax import LEAST_PARALLAX
 
 DISTANCE = 2.0
 CHECKERBOARD = np.indices((8, 8)).sum(axis=0) % 2

@@ -22,6 +22,7 @@ from pocketgs.capture.synthetic import (
     write_demo,
 )
 from pocketgs.cli.run_lines import prior_line
+from pocketgs.prior.cloud.complete import GUESSED_CONFIDENCE
 from pocketgs.prior.poses.structure import StructureSettings
 from pocketgs.prior.prior import PreparedCapture, PriorSettings, build_prior
 from pocketgs.training.options import TrainingOptions
@@ -263,3 +264,14 @@ def test_demo(tmp_path: Path) -> None:
     print(f"cameras off by {errors.mean():.5f} m on average, at most {errors.max():.5f} m")
     assert errors.mean() < 0.001
     assert errors.max() < 0.004
+
+
+def test_what_was_guessed_is_not_reported_as_known(prior: PreparedCapture) -> None:
+    report = prior.report
+    assert report is not None
+    assert report.coverage is not None
+    assert report.coverage_known is not None
+    assert prior.points is not None
+    assert prior.points.confidences is not None
+    assert report.guessed == (prior.points.confidences <= GUESSED_CONFIDENCE).sum() > 0
+    assert report.coverage_known < report.coverage

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from pocketgs.prior.report import Poses
+from pocketgs.prior.report import PoseReport
 
 
 def test_one_frame_or_several() -> None:
-    assert Poses().warnings() == ()
-    some = Poses(carried=("1.jpg",), left_out=("2.jpg", "3.jpg"), doubtful=("4.jpg",))
+    assert PoseReport().warnings() == ()
+    some = PoseReport(carried=("1.jpg",), left_out=("2.jpg", "3.jpg"), unplaced_held_out=("4.jpg",))
     contradicted = "that the other photographs contradict"
     assert some.warnings() == (
         "1 frame sees too few points to be placed exactly and follows its neighbours: 1.jpg",

@@ -17,7 +17,7 @@ from pocketgs.geometry.camera import Camera
 from pocketgs.prior.features.cpu.finder import CpuFinder
 from pocketgs.prior.features.features import Features
 from pocketgs.prior.features.two_view import Matches, match_views
-from pocketgs.prior.poses.convention import MisreadPosesError, check_convention
+from pocketgs.prior.poses.convention import MisreadPosesError, check_adjusted, check_convention
 from static_site.given import OPEN_FINDER, TYPED, plain, plain_cloud, plain_frames
 
 Call = Callable[..., Any]
@@ -57,12 +57,21 @@ def misread(camera: Camera, mistake: Mistake) -> Camera:
 
 def said_by_python(cameras: list[Camera], walk: Walk) -> tuple[str, list[Camera]]:
     try:
-        check_convention(cameras, walk.features, walk.matches)
+        check_convention(cameras, [view.pixels for view in walk.features], walk.matches)
     except MisreadPosesError as error:
         return str(error.convention), [error.convention.applied(camera) for camera in cameras]
     except PocketGSError as error:
         return str(error), []
     return "", []
+
+
+def plain_walk(walk: Walk) -> dict[str, Any]:
+    """What the page's checks take, but for cameras."""
+    matches = [
+        {"first": first, "second": second, "pairs": found.reshape(-1).tolist()}
+        for (first, second), found in walk.matches.items()
+    ]
+    return {"features": [view.pixels.reshape(-1).tolist() for view in walk.features], "matches": matches}
 
 
 def said_by_page(call: Call, walk: Walk, several: list[list[Camera]]) -> list[tuple[str, list[list[float]]]]:
@@ -79,16 +88,33 @@ def said_by_page(call: Call, walk: Walk, several: list[list[Camera]]) -> list[tu
             }
         });
     """
-    matches = [
-        {"first": first, "second": second, "pairs": found.reshape(-1).tolist()}
-        for (first, second), found in walk.matches.items()
-    ]
-    given = {
-        "features": [view.pixels.reshape(-1).tolist() for view in walk.features],
-        "matches": matches,
-        "several": [[plain(camera) for camera in cameras] for cameras in several],
-    }
+    given = plain_walk(walk) | {"several": [[plain(camera) for camera in cameras] for cameras in several]}
     return [tuple(said) for said in call("prior/poses/convention.js", script, given)]
+
+
+def test_adjusted_poses_are_judged_as_in_python(call: Call, walk: Walk) -> None:
+    cameras = [frame.camera for frame in walk.capture.train]
+    wrong = [misread(camera, np.linalg.inv) for camera in cameras]
+    script = """
+        const features = given.features.map((pixels) => ({ pixels: Float32Array.from(pixels) }));
+        const matches = given.matches.map((one) => ({ ...one, pairs: Int32Array.from(one.pairs) }));
+        return given.cases.map(([share, cameras]) => {
+            try {
+                module.checkAdjusted(share, cameras, features, matches, settings.prior.poses);
+                return "";
+            } catch (error) {
+                return error.message;
+            }
+        });
+    """
+    cases = [(0.3, cameras), (0.3, wrong), (0.6, wrong)]
+    given = plain_walk(walk) | {"cases": [[share, [plain(camera) for camera in some]] for share, some in cases]}
+    right, refused, mostly_right = call("prior/poses/convention.js", script, given)
+    assert right == mostly_right == ""
+    found = sum(map(len, walk.matches.values()))
+    assert f"70 % of {found} matches contradict the capture's poses" in refused
+    with pytest.raises(PocketGSError, match="70% of"):
+        check_adjusted(0.3, wrong, [view.pixels for view in walk.features], walk.matches)
 
 
 def test_conventions_are_pythons(call: Call, walk: Walk) -> None:

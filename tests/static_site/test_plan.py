@@ -18,7 +18,7 @@ from pocketgs.prior.depth.webgpu.passes import describe_sweep
 from pocketgs.site.files import NEVER, SEQUENCES
 from pocketgs.site.settings import MOST_MEMORY, RECIPE
 from pocketgs.splat.webgpu.engine import INTERSECTION_BYTES
-from pocketgs.splat.webgpu.memory import Limits, expected_extent, plan_memory
+from pocketgs.splat.webgpu.memory import MemoryLimits, expected_extent, plan_memory
 from pocketgs.splat.webgpu.passes import describe_training
 from pocketgs.splat.webgpu.variant import Variant
 from pocketgs.training.recipes import RECIPES
@@ -61,7 +61,7 @@ def test_buffers_are_those_that_python_plans(call: Call) -> None:
     most = LARGEST_BUFFER // INTERSECTION_BYTES[Variant().accumulation]
     whole = describe_training(Variant())
     extent = expected_extent(20_000, COEFFICIENTS, photographs, most)
-    sizes = plan_memory(whole, extent, Limits(1 << 40, LARGEST_BUFFER)).sizes
+    sizes = plan_memory(whole, extent, MemoryLimits(1 << 40, LARGEST_BUFFER)).sizes
     expected = sum(sizes[name] for name in whole.part(SEQUENCES, NEVER).buffers)
     plan = planned(call, sizes=[list(size) for size in photographs], stored=640 * 480, gaussians=20_000)
     assert plan["bufferBytes"] == expected
@@ -71,7 +71,7 @@ def test_buffers_are_those_that_python_plans(call: Call) -> None:
     longer = expected_extent(20_000, COEFFICIENTS, [*photographs, (1280, 720)], most).intersections
     assert longer > extent.intersections
     larger_extent = replace(extent, drawn_sizes=drawn, intersections=longer)
-    sizes = plan_memory(whole, larger_extent, Limits(1 << 40, LARGEST_BUFFER)).sizes
+    sizes = plan_memory(whole, larger_extent, MemoryLimits(1 << 40, LARGEST_BUFFER)).sizes
     expected = sum(sizes[name] for name in whole.part(SEQUENCES, NEVER).buffers)
     screen = {"width": 2560, "height": 1440}
     larger = planned(

@@ -14,7 +14,7 @@ from pocketgs.capture.capture import Frame
 from pocketgs.capture.synthetic import true_capture
 from pocketgs.geometry.camera import Camera
 from pocketgs.prior.bundle.adjustment import adjust_bundle, adjust_pose
-from pocketgs.prior.bundle.cpu.schur import CpuAdjuster
+from pocketgs.prior.bundle.cpu.equations import CpuLinearizer
 from pocketgs.prior.exposure import compensated, exposure_gains, needs_compensation
 from pocketgs.prior.features.cpu.finder import CpuFinder
 from pocketgs.prior.features.features import Features
@@ -304,7 +304,7 @@ def test_refinement(call: Call, walk: Walk, stray: bool) -> None:
     }
     found, points, kept, seen, last, is_of_them = call("prior/poses/structure.js", script, given)
     widest, settings = widest_tolerance(cameras), StructureSettings().bundle_settings(walk.scale)
-    adjustment = RobustAdjustment(cameras, widest, FINEST, settings, CpuAdjuster())
+    adjustment = RobustAdjustment(cameras, widest, FINEST, settings, CpuLinearizer())
     expected = refine(adjustment, tracks, [frame.image for frame in walk.frames], walk.scale.distance)
     assert expected.moved.any() == stray
     assert kept == [new is old for new, old in zip(expected.cameras, cameras, strict=True)]

@@ -145,16 +145,16 @@ def test_fern_with_wrong_poses(call: Call, data_folder: Path) -> None:
         const [frames, onStage] = [framesOf(given.frames), async () => {}];
         const found = await module.buildStructure(frames, given.scale, settings.prior, finder, onStage);
         device.destroy();
-        const { cameras, replaced, doubtful, isAdjusted } = found;
-        return [cameras.map(({ world_to_camera: m }) => m), replaced, doubtful, isAdjusted, complaints];
+        const { cameras, replaced, unplaced, isAdjusted } = found;
+        return [cameras.map(({ world_to_camera: m }) => m), replaced, unplaced, isAdjusted, complaints];
     """
     )
     given = {"frames": plain_frames(frames), "scale": {"distance": scale.distance, "unit": scale.unit}}
-    poses, replaced, doubtful, is_adjusted, complaints = call("prior/poses/structure.js", script, given)
+    poses, replaced, unplaced, is_adjusted, complaints = call("prior/poses/structure.js", script, given)
     expected = build_structure(frames, scale, StructureSettings())
     assert complaints == []
     assert np.flatnonzero(replaced).tolist() == wrong
-    assert not any(doubtful)
+    assert not any(unplaced)
     assert not is_adjusted
     assert expected is not None
     assert expected.replaced == tuple(frames[index].name for index in wrong)

@@ -15,7 +15,8 @@ from pocketgs.prior.cloud.fuse import FusionSettings, fuse
 from pocketgs.prior.cloud.merge import Candidates
 from pocketgs.prior.depth.cpu.stereo import CpuStereo
 from pocketgs.prior.depth.depth_maps import depth_maps, stereo_extent
-from pocketgs.prior.depth.stereo import Stereo, with_room
+from pocketgs.prior.depth.room import with_room
+from pocketgs.prior.depth.stereo import Stereo
 from pocketgs.prior.depth.sweep import DepthMap, SweepSettings
 from pocketgs.prior.devices import Devices
 from pocketgs.scene.point_cloud import PointCloud

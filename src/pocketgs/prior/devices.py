@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from pocketgs.prior.bundle.cpu.schur import CpuAdjuster
-from pocketgs.prior.bundle.equations import Adjuster
+from pocketgs.prior.bundle.cpu.equations import CpuLinearizer
+from pocketgs.prior.bundle.equations import Linearizer
 from pocketgs.prior.cloud.cpu.merger import CpuMerger
 from pocketgs.prior.cloud.merge import Merger
 from pocketgs.prior.depth.cpu.stereo import CpuStereo
 from pocketgs.prior.depth.stereo import Stereo
 from pocketgs.prior.features.cpu.finder import CpuFinder
 from pocketgs.prior.features.finder import FeatureFinder
-from pocketgs.system.device_name import DeviceName
+from pocketgs.system.device import DeviceName
 
 
 @dataclass(frozen=True)
@@ -21,13 +21,13 @@ class Devices:
 
     Attributes:
         finder: detects and matches features.
-        adjuster: makes the normal equations of bundle adjustment.
+        linearizer: makes the normal equations of bundle adjustment.
         stereo: computes depth maps and compares them.
         merger: brings their pixels together to points.
     """
 
     finder: FeatureFinder
-    adjuster: Adjuster
+    linearizer: Linearizer
     stereo: Stereo
     merger: Merger
 
@@ -44,12 +44,12 @@ def create_devices(device: DeviceName = "cpu", gpu: str | None = None, max_memor
         PocketGSError: there is no such device, or it lacks something.
     """
     if device == "cpu":
-        return Devices(CpuFinder(), CpuAdjuster(), CpuStereo(), CpuMerger())
+        return Devices(CpuFinder(), CpuLinearizer(), CpuStereo(), CpuMerger())
     # The package works without a graphics library: it is loaded where a GPU is asked for.
-    from pocketgs.prior.bundle.webgpu.equations import WebGpuAdjuster
+    from pocketgs.prior.bundle.webgpu.equations import WebGpuLinearizer
     from pocketgs.prior.cloud.webgpu.merger import WebGpuMerger
     from pocketgs.prior.depth.webgpu.stereo import WebGpuStereo
     from pocketgs.prior.features.webgpu.finder import WebGpuFinder
 
     chosen = (gpu, max_memory)
-    return Devices(WebGpuFinder(*chosen), WebGpuAdjuster(*chosen), WebGpuStereo(*chosen), WebGpuMerger(*chosen))
+    return Devices(WebGpuFinder(*chosen), WebGpuLinearizer(*chosen), WebGpuStereo(*chosen), WebGpuMerger(*chosen))

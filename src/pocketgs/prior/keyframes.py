@@ -13,7 +13,7 @@ from pocketgs.capture.even_choice import evenly_chosen
 from pocketgs.capture.sharpness import sharpness
 from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera
-from pocketgs.prior.parallax import LEAST_PARALLAX
+from pocketgs.prior.depth.source_views import LEAST_PARALLAX
 
 CELLS = 12
 """Number of cells along the longer side of a view; coverage is counted in cells."""

@@ -21,7 +21,7 @@ from pocketgs.prior.exposure import compensated, exposure_gains, needs_compensat
 from pocketgs.prior.keyframes import KeyframeSettings, select_keyframes
 from pocketgs.prior.poses.convention import Convention, MisreadPosesError
 from pocketgs.prior.poses.structure import Structure, StructureSettings, build_structure
-from pocketgs.prior.report import Poses, PriorReport
+from pocketgs.prior.report import PoseReport, PriorReport
 from pocketgs.prior.rough_points import rough_points
 from pocketgs.prior.scale import Scale, estimate_scale
 from pocketgs.prior.seen_points import seen_points
@@ -131,16 +131,16 @@ def build_prior(
 
 def _posed(
     capture: Capture, settings: StructureSettings, devices: Devices
-) -> tuple[Capture, Scale, Structure | None, Poses]:
+) -> tuple[Capture, Scale, Structure | None, PoseReport]:
     """The capture with sound poses, its scale, what its training frames see, and what happened to the poses."""
 
     def built(capture: Capture, scale: Scale) -> Structure | None:
-        return build_structure(capture.frames, scale, settings, capture.photographs, devices.finder, devices.adjuster)
+        return build_structure(capture.frames, scale, settings, capture.photographs, devices.finder, devices.linearizer)
 
     scale, convention = estimate_scale(capture), None
     with ExitStack() as held:
         held.callback(devices.finder.release)
-        held.callback(devices.adjuster.release)
+        held.callback(devices.linearizer.release)
         try:
             structure = built(capture, scale)
         except MisreadPosesError as error:
@@ -151,7 +151,7 @@ def _posed(
             scale = estimate_scale(capture)
             structure = built(capture, scale)
     capture = _with_poses_of(structure, capture)
-    poses = Poses.of(structure, capture, convention)
+    poses = PoseReport.of(structure, capture, convention)
     return capture, scale, structure.of(capture.train) if structure else None, poses
 
 
@@ -162,7 +162,7 @@ def _reread(capture: Capture, convention: Convention) -> Capture:
     return replace(capture, points=None) if convention.inverted else capture
 
 
-def _pose_warnings(poses: Poses, structure: Structure | None, capture: Capture, scale: Scale) -> tuple[str, ...]:
+def _pose_warnings(poses: PoseReport, structure: Structure | None, capture: Capture, scale: Scale) -> tuple[str, ...]:
     """Warnings about the poses."""
     if structure is None:
         return (nothing_found(capture, scale),)
@@ -176,7 +176,7 @@ def _with_poses_of(structure: Structure | None, capture: Capture) -> Capture:
         return capture
     if structure.refined:
         capture = capture.with_refined_poses(dict(zip(structure.names, structure.cameras, strict=True)))
-    sound = [frame for frame in capture.train if frame.name not in structure.doubtful]
+    sound = [frame for frame in capture.train if frame.name not in structure.unplaced]
     return capture if len(sound) == len(capture.train) else replace(capture, train=sound)
 
 

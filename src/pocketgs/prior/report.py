@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from pocketgs.capture.capture import Capture
-from pocketgs.errors import counted
+from pocketgs.errors import counted, listed
 from pocketgs.prior.keyframes import Decision
 from pocketgs.prior.poses.convention import Convention
 from pocketgs.prior.poses.structure import Structure
@@ -18,7 +17,7 @@ MAX_NAMES = 8
 
 
 @dataclass(frozen=True)
-class Poses:
+class PoseReport:
     """The fate of the given poses, as names of frames.
 
     Attributes:
@@ -26,18 +25,18 @@ class Poses:
         carried: see too few points to be refined, and were moved with the nearest refined frame.
         replaced: had wrong poses and were relocalised.
         left_out: have wrong poses, could not be relocalised, and are not used for training.
-        doubtful: the same for held-out frames: their renderings are from the wrong place.
+        unplaced_held_out: the same for held-out frames: their renderings are from the wrong place.
     """
 
     convention: str = ""
     carried: tuple[str, ...] = ()
     replaced: tuple[str, ...] = ()
     left_out: tuple[str, ...] = ()
-    doubtful: tuple[str, ...] = ()
+    unplaced_held_out: tuple[str, ...] = ()
 
     @classmethod
-    def of(cls, structure: Structure | None, capture: Capture, convention: Convention | None) -> Poses:
-        """From a structure, which of its doubtful frames the capture holds out, and the convention that was tried."""
+    def of(cls, structure: Structure | None, capture: Capture, convention: Convention | None) -> PoseReport:
+        """From a structure, which of its unplaced frames the capture holds out, and the convention that was tried."""
         read = str(convention) if convention else ""
         if structure is None:
             return cls(read)
@@ -46,14 +45,14 @@ class Poses:
             convention=read,
             carried=structure.carried,
             replaced=structure.replaced,
-            left_out=tuple(name for name in structure.doubtful if name not in held_out),
-            doubtful=tuple(name for name in structure.doubtful if name in held_out),
+            left_out=tuple(name for name in structure.unplaced if name not in held_out),
+            unplaced_held_out=tuple(name for name in structure.unplaced if name in held_out),
         )
 
     @property
     def contradicted(self) -> tuple[str, ...]:
         """All frames whose given poses the other photographs contradict."""
-        return self.replaced + self.left_out + self.doubtful
+        return self.replaced + self.left_out + self.unplaced_held_out
 
     def warnings(self) -> tuple[str, ...]:
         """Warnings for the user."""
@@ -75,19 +74,17 @@ class Poses:
                 f"frames have poses {contradicted} and are left out of training",
             ),
             (
-                self.doubtful,
+                self.unplaced_held_out,
                 f"frame is held out and has a pose {contradicted}: do not rely on its figures",
                 f"frames are held out and have poses {contradicted}: do not rely on their figures",
             ),
         )
-        found = [f"{counted(len(names), one, several)}: {_listed(names)}" for names, one, several in said if names]
+        found = [
+            f"{counted(len(names), one, several)}: {listed(names, MAX_NAMES)}" for names, one, several in said if names
+        ]
         if self.convention:
             found.insert(0, f"the photographs fit the poses only with {self.convention}: they are read so")
         return tuple(found)
-
-
-def _listed(names: Sequence[str]) -> str:
-    return ", ".join(names[:MAX_NAMES]) + (", ..." if len(names) > MAX_NAMES else "")
 
 
 @dataclass(frozen=True)
@@ -116,7 +113,7 @@ class PriorReport:
     rmse_given: float | None
     rmse: float | None
     poses_refined: bool
-    poses: Poses
+    poses: PoseReport
     gains: np.ndarray | None
     points: int
     swept_on: str | None

@@ -9,9 +9,10 @@ import numpy as np
 from pocketgs.capture.capture import Frame
 from pocketgs.prior.depth.depth_maps import representative, stereo_extent
 from pocketgs.prior.depth.depth_range import small_copy, wide_range
+from pocketgs.prior.depth.room import with_room
 from pocketgs.prior.depth.sensor_depth import SURE_MARGIN
 from pocketgs.prior.depth.source_views import choose_source_views
-from pocketgs.prior.depth.stereo import Stereo, with_room
+from pocketgs.prior.depth.stereo import Stereo
 from pocketgs.prior.depth.sweep import SweepSettings
 from pocketgs.prior.seen_points import MAX_SEEN
 from pocketgs.prior.spread import spread

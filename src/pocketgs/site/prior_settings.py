@@ -10,18 +10,17 @@ from pocketgs.geometry import agreement
 from pocketgs.prior import exposure, keyframes, scale, seen_points
 from pocketgs.prior.bundle import levenberg_marquardt, reprojection
 from pocketgs.prior.bundle.adjustment import BundleSettings
-from pocketgs.prior.bundle.cpu import schur
+from pocketgs.prior.bundle.cpu.equations import MIN_DIAGONAL
 from pocketgs.prior.cloud import complete, coverage, fuse, merge
 from pocketgs.prior.cloud.cpu import merger
 from pocketgs.prior.cloud.detail import DETAIL_SCALE
 from pocketgs.prior.depth import depth_maps, depth_range, sensor_depth
-from pocketgs.prior.depth.source_views import BASELINE_SPREAD, THIRD_VIEW
+from pocketgs.prior.depth.source_views import BASELINE_SPREAD, LEAST_PARALLAX, THIRD_VIEW
 from pocketgs.prior.depth.sweep import MAX_PIXELS, SweepSettings
 from pocketgs.prior.depth.webgpu.layout import MATCHED, MOST_BANDS, USABLE
 from pocketgs.prior.features import features, pairs, two_view
 from pocketgs.prior.features.tracks import REWEIGHTINGS, WIDEST_ANGLE
 from pocketgs.prior.features.webgpu import layout
-from pocketgs.prior.parallax import LEAST_PARALLAX
 from pocketgs.prior.poses import (
     absolute_pose,
     consensus,
@@ -125,6 +124,7 @@ def _poses() -> dict[str, Any]:
                 "doubtful": convention.DOUBTFUL,
                 "clear": convention.CLEAR,
                 "contradicted": convention.CONTRADICTED,
+                "mostly": convention.MOSTLY,
                 "min_matches": convention.MIN_MATCHES,
             },
             "cells": support.CELLS,
@@ -149,7 +149,7 @@ def _bundle() -> dict[str, Any]:
         "behind": reprojection.BEHIND,
         "first_damping": levenberg_marquardt.FIRST_DAMPING,
         "min_damping": levenberg_marquardt.MIN_DAMPING,
-        "min_diagonal": schur.MIN_DIAGONAL,
+        "min_diagonal": MIN_DIAGONAL,
         "negligible": levenberg_marquardt.NEGLIGIBLE,
     }
 

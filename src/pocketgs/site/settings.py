@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from pocketgs.capture import plain_background
-from pocketgs.capture.cloud_file import LARGEST_FRACTION, UNKNOWN_COLOUR
+from pocketgs.capture.decoding.cloud_file import LARGEST_FRACTION, UNKNOWN_COLOUR
 from pocketgs.capture.formats.colmap import IMAGE_FOLDERS, MODEL_FOLDERS, MODELS_BESIDE
 from pocketgs.capture.formats.colmap_model import CAMERA_MODELS, UNSUPPORTED_MODELS
 from pocketgs.capture.formats.polycam import UNDISTORTION_BORDER

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pocketgs.prior.bundle.cpu.schur import (
+from pocketgs.prior.bundle.cpu.equations import (
     MAX_SHARES,
     MIN_DIAGONAL,
     SHARE_BYTES,

@@ -9,11 +9,11 @@ import pytest
 
 from pocketgs.geometry.camera import Camera, look_at
 from pocketgs.prior.bundle.adjustment import BundleResult, BundleSettings, adjust_bundle
-from pocketgs.prior.bundle.cpu.schur import CpuAdjuster, CpuEquations
-from pocketgs.prior.bundle.equations import Adjuster, CameraEquations
+from pocketgs.prior.bundle.cpu.equations import CpuEquations, CpuLinearizer
+from pocketgs.prior.bundle.equations import CameraEquations, Linearizer
 from pocketgs.prior.bundle.problem import by_point, first_estimate
 from pocketgs.prior.bundle.reprojection import Sightings
-from pocketgs.prior.bundle.webgpu.equations import WebGpuAdjuster
+from pocketgs.prior.bundle.webgpu.equations import WebGpuLinearizer
 from prior.bundle_problem import Problem, make_problem
 
 pytestmark = pytest.mark.usefixtures("adapter")
@@ -23,8 +23,8 @@ HELD = BundleSettings(position_sigma=0.02, rotation_sigma=0.02)
 
 
 @pytest.fixture(scope="module")
-def adjuster() -> Adjuster:
-    return WebGpuAdjuster()
+def linearizer() -> Linearizer:
+    return WebGpuLinearizer()
 
 
 def sightings_of(problem: Problem) -> Sightings:
@@ -65,9 +65,9 @@ def in_units_of_the_diagonal(equations: CameraEquations) -> tuple[np.ndarray, ..
     return matrix, equations.diagonal / unit**2, equations.right / unit, equations.gradient / unit
 
 
-def test_equations_and_steps_agree_with_the_cpu(adjuster: Adjuster, problem: Problem) -> None:
+def test_equations_and_steps_agree_with_the_cpu(linearizer: Linearizer, problem: Problem) -> None:
     sightings, estimate = sightings_of(problem), first_estimate(problem.cameras, problem.points)
-    found, expected = adjuster.equations(sightings, HUBER), CpuEquations(sightings, HUBER)
+    found, expected = linearizer.equations(sightings, HUBER), CpuEquations(sightings, HUBER)
     one, other = found.reduced(estimate, DAMPING), expected.reduced(estimate, DAMPING)
     for mine, theirs in zip(in_units_of_the_diagonal(one), in_units_of_the_diagonal(other), strict=True):
         np.testing.assert_allclose(mine, theirs, atol=1e-5 * np.abs(theirs).max())
@@ -77,10 +77,10 @@ def test_equations_and_steps_agree_with_the_cpu(adjuster: Adjuster, problem: Pro
     assert decrease == pytest.approx(expected_decrease, rel=1e-4)
 
 
-def test_same_bits_every_time(adjuster: Adjuster) -> None:
+def test_same_bits_every_time(linearizer: Linearizer) -> None:
     problem = PROBLEMS["many points"]
     estimate = first_estimate(problem.cameras, problem.points)
-    first, second = (adjuster.equations(sightings_of(problem), HUBER).reduced(estimate, DAMPING) for _ in range(2))
+    first, second = (linearizer.equations(sightings_of(problem), HUBER).reduced(estimate, DAMPING) for _ in range(2))
     for one, other in zip(first, second, strict=True):
         np.testing.assert_array_equal(one, other)
 
@@ -98,14 +98,14 @@ def of_size(problem: Problem, size: float) -> Problem:
 
 
 @pytest.mark.parametrize("size", [1e-6, 1.0, 1e6])
-def test_adjustments_end_as_on_the_cpu(adjuster: Adjuster, size: float) -> None:
+def test_adjustments_end_as_on_the_cpu(linearizer: Linearizer, size: float) -> None:
     problem = of_size(make_problem(frames=8, points=200, views=5, noise=0.5), size)
     settings = replace(HELD, position_sigma=0.02 * size)
 
-    def adjusted(device: Adjuster) -> BundleResult:
-        return adjust_bundle(problem.cameras, problem.points, problem.observations, settings, adjuster=device)
+    def adjusted(device: Linearizer) -> BundleResult:
+        return adjust_bundle(problem.cameras, problem.points, problem.observations, settings, linearizer=device)
 
-    found, expected = adjusted(adjuster), adjusted(CpuAdjuster())
+    found, expected = adjusted(linearizer), adjusted(CpuLinearizer())
     assert found.converged
     assert found.cost_after == pytest.approx(expected.cost_after, rel=1e-6)
     for one, other in zip(found.cameras, expected.cameras, strict=True):
@@ -113,28 +113,28 @@ def test_adjustments_end_as_on_the_cpu(adjuster: Adjuster, size: float) -> None:
         np.testing.assert_allclose(one.world_to_camera[:3, :3], other.world_to_camera[:3, :3], atol=2e-4)
 
 
-def test_points_with_hardly_any_parallax_do_no_harm(adjuster: Adjuster) -> None:
+def test_points_with_hardly_any_parallax_do_no_harm(linearizer: Linearizer) -> None:
     problem = make_problem(frames=6, points=120, views=4, noise=0.5)
     points = problem.points.copy()
     points[:40] += np.array([0.0, 0.0, 1e5])
     seen = problem.observations
-    result = adjust_bundle(problem.cameras, points, seen, HELD, adjuster=adjuster)
+    result = adjust_bundle(problem.cameras, points, seen, HELD, linearizer=linearizer)
     assert result.cost_after < 0.2 * result.cost_before
     assert all(np.isfinite(camera.world_to_camera).all() for camera in result.cameras)
 
 
 def test_what_the_memory_does_not_hold_is_computed_on_the_cpu() -> None:
-    few = WebGpuAdjuster(max_memory=1)
+    few = WebGpuLinearizer(max_memory=1)
     problem = make_problem(frames=30, points=3000, views=10)
     assert isinstance(few.equations(sightings_of(problem), HUBER), CpuEquations)
 
 
-def test_one_adjuster_takes_one_problem_after_another(adjuster: Adjuster) -> None:
+def test_one_linearizer_takes_one_problem_after_another(linearizer: Linearizer) -> None:
     """A buffer that is too large for a smaller problem must not be read beyond it."""
     for name in ("many points", "small"):
         problem = PROBLEMS[name]
         sightings, estimate = sightings_of(problem), first_estimate(problem.cameras, problem.points)
-        found = adjuster.equations(sightings, HUBER).reduced(estimate, DAMPING)
+        found = linearizer.equations(sightings, HUBER).reduced(estimate, DAMPING)
         expected = CpuEquations(sightings, HUBER).reduced(estimate, DAMPING)
         np.testing.assert_allclose(found.right, expected.right, rtol=1e-3, atol=1e-4 * np.abs(expected.right).max())
-    adjuster.release()
+    linearizer.release()

@@ -14,11 +14,11 @@ from pocketgs.capture.synthetic import true_capture
 from pocketgs.prior.cloud.cpu.merger import CpuMerger
 from pocketgs.prior.cloud.fuse import SHELL_EXTENT, FusionSettings, fuse, views_of
 from pocketgs.prior.cloud.merge import Candidates
-from pocketgs.prior.depth.consistency import AROUND, COHERENT_STEPS, CONFIRMED, Views
+from pocketgs.prior.depth.consistency import AROUND, COHERENT_STEPS, CONFIRMED, SweptViews
 from pocketgs.prior.depth.cpu.consistency import compare_depths
 from pocketgs.prior.depth.cpu.stereo import CpuStereo
+from pocketgs.prior.depth.source_views import LEAST_PARALLAX
 from pocketgs.prior.depth.sweep import DepthMap
-from pocketgs.prior.parallax import LEAST_PARALLAX
 from prior.random_depth_maps import random_views, with_copy
 
 SETTINGS = FusionSettings()
@@ -43,7 +43,7 @@ def cloud_of(keyframes: list[Frame], maps: list[DepthMap], frames: list[Frame], 
     return CpuMerger().merged(fuse(keyframes, maps, frames, SETTINGS, CpuStereo()), count)
 
 
-def cameras_of(views: Views) -> list[Camera]:
+def cameras_of(views: SweptViews) -> list[Camera]:
     poses = np.tile(np.eye(4), (len(views.depths), 1, 1))
     poses[:, :3, :3], poses[:, :3, 3] = views.rotations, views.translations
     return [
@@ -57,7 +57,7 @@ def unprojected(camera: Camera, row: int, column: int, depth: float) -> np.ndarr
     return camera.centre + depth * np.array(local) @ camera.world_to_camera[:3, :3]
 
 
-def twin(views: Views, view: int, tolerance: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def twin(views: SweptViews, view: int, tolerance: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The result by the definition of `compare_depths`, pixel by pixel."""
     cameras = cameras_of(views)
     height, width = views.sizes[view]
@@ -137,7 +137,7 @@ def test_hundreds_of_views_are_counted() -> None:
     """One view at half the depth of 300 others, 299 of which agree with the other from beside it."""
     depths = np.full((301, 2, 2), 4.0, np.float32)
     depths[0] = 2.0
-    views = Views(
+    views = SweptViews(
         depths,
         np.tile([2.0, 2.0, 1.0, 1.0], (301, 1)),
         np.full((301, 2), 2),
@@ -357,3 +357,15 @@ def test_stars_that_three_views_see_are_at_the_same_pixels_of_all() -> None:
         directions = -found.directions / -found.directions[:, 2:]
         expected = 64 * directions[:, :2] + 32
         assert np.abs(pixels - expected).max() < 1.0
+
+
+def test_all_cameras_are_well_inside_the_sphere_of_what_is_too_far_to_tell() -> None:
+    """Also where depths are so coarse that little can be told apart."""
+    eyes = np.array([[-1.0, 0, 0], [0, 0.3, 0], [1.0, 0, 0.2]])
+    frames = [wall_frame(f"{index}", eye, 64) for index, eye in enumerate(eyes)]
+    maps = [certain(np.full((64, 64), depth, np.float32), 2.0) for depth in (0.6, 0.9, 20.0)]
+    found = fuse(frames, maps, frames, SETTINGS, CpuStereo())
+    middle = eyes.mean(axis=0)
+    radius = SHELL_EXTENT * np.linalg.norm(eyes - middle, axis=1).max()
+    assert len(found.positions) > 64 * 64
+    np.testing.assert_allclose(np.linalg.norm(found.positions - middle, axis=1), radius, rtol=1e-6)

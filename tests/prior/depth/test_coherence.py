@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pocketgs.prior.depth.confidence import FILLER_CONFIDENCE
-from pocketgs.prior.depth.consistency import AROUND, COHERENT_STEPS, Views
+from pocketgs.prior.depth.consistency import AROUND, COHERENT_STEPS, SweptViews
 from pocketgs.prior.depth.cpu.consistency import compare_depths
 from pocketgs.prior.depth.cpu.stereo import CpuStereo
 
@@ -14,10 +14,10 @@ STEP, LEAST = 0.01, 0.4
 HEIGHT, WIDTH = 40, 60
 
 
-def stacked(depth: np.ndarray, views: int, step: float = STEP) -> Views:
+def stacked(depth: np.ndarray, views: int, step: float = STEP) -> SweptViews:
     """Up to three views with the same depths, from places so close together that pixels of one fall on the others'."""
     places = 0.02 * float(np.median(depth[depth > 0])) * np.array([0, 1, -1])[:views]
-    return Views(
+    return SweptViews(
         np.repeat(depth[None].astype(np.float32), views, axis=0),
         np.tile([20.0, 20.0, WIDTH / 2, HEIGHT / 2], (views, 1)),
         np.tile([HEIGHT, WIDTH], (views, 1)),
@@ -27,7 +27,7 @@ def stacked(depth: np.ndarray, views: int, step: float = STEP) -> Views:
     )
 
 
-def confidences(views: Views) -> np.ndarray:
+def confidences(views: SweptViews) -> np.ndarray:
     """Of the first view's depths, all of which have a clear margin."""
     margins = [np.ones((HEIGHT, WIDTH), np.float32)] * len(views.depths)
     return next(CpuStereo().compare(views, margins, 1e-6, LEAST)).confidences

@@ -12,8 +12,9 @@ from pocketgs.capture.capture import Frame
 from pocketgs.capture.synthetic import true_capture
 from pocketgs.geometry.camera import Camera
 from pocketgs.prior.bundle.adjustment import BundleSettings
-from pocketgs.prior.bundle.cpu.schur import CpuAdjuster
+from pocketgs.prior.bundle.cpu.equations import CpuLinearizer
 from pocketgs.prior.features.observations import Observations
+from pocketgs.prior.poses import validation
 from pocketgs.prior.poses.refinement import Refinement, refine
 from pocketgs.prior.poses.robust_adjustment import RobustAdjustment
 from pocketgs.prior.poses.validation import CHECKED_SHARE, _errors_of_views
@@ -30,7 +31,7 @@ def refined(problem: Problem, tracks: Observations) -> Refinement:
 
 
 def adjustment_of(cameras: Sequence[Camera]) -> RobustAdjustment:
-    return RobustAdjustment(cameras, 40.0, 0.5, BUNDLE, CpuAdjuster())
+    return RobustAdjustment(cameras, 40.0, 0.5, BUNDLE, CpuLinearizer())
 
 
 def errors(cameras: list[Camera]) -> float:
@@ -96,3 +97,19 @@ def test_held_out_views_are_judged_on_the_same_observations_under_any_poses() ->
         judged = np.flatnonzero(np.isfinite(_errors_of_views(cameras, tracks, absent, 3.0, BUNDLE)))
         assert len(judged) > 50
         assert np.isin(judged, halves[1::2]).all()
+
+
+def test_poses_that_hardly_fit_better_are_kept() -> None:
+    """Of noise alone, an adjustment makes points fit a little better, also those that took no part."""
+    problem = make_problem(frames=10, points=600, views=5, noise=0.5, pose_error=3e-4)
+    assert not refined(problem, problem.observations).moved.any()
+
+
+@pytest.mark.parametrize(("pose_error", "moved"), [(6e-4, True), (2e-4, False)])
+def test_held_out_views_must_fit_the_points_of_the_others_as_well(
+    monkeypatch: pytest.MonkeyPatch, pose_error: float, moved: bool
+) -> None:
+    """Here only they tell: the least gain that is asked of points would keep the better poses."""
+    monkeypatch.setattr(validation, "MIN_GAIN", 0.0)
+    problem = make_problem(frames=10, points=600, views=5, noise=0.5, pose_error=pose_error)
+    assert refined(problem, problem.observations).moved.any() == moved

@@ -17,8 +17,8 @@ from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera
 from pocketgs.gpu.adapters import Adapter
 from pocketgs.prior.bundle.adjustment import BundleSettings, adjust_bundle, huber_cost
-from pocketgs.prior.bundle.cpu.schur import CpuAdjuster
-from pocketgs.prior.bundle.webgpu.equations import WebGpuAdjuster
+from pocketgs.prior.bundle.cpu.equations import CpuLinearizer
+from pocketgs.prior.bundle.webgpu.equations import WebGpuLinearizer
 from pocketgs.prior.features.detection import detect_all
 from pocketgs.prior.features.features import Features
 from pocketgs.prior.features.tracks import reprojection_errors, triangulate, triangulation_angles, view_distances
@@ -78,7 +78,7 @@ def test_a_phones_drift_is_undone(walk: Refined) -> None:
     assert after.max() < given.mean()
     held_out = slice(len(walk.capture.train), None)
     assert after[held_out].mean() < given[held_out].mean() / 5
-    assert walk.structure.carried == walk.structure.replaced == walk.structure.doubtful == ()
+    assert walk.structure.carried == walk.structure.replaced == walk.structure.unplaced == ()
 
 
 @pytest.mark.slow
@@ -282,7 +282,8 @@ def test_real_tracks_are_adjusted_on_the_gpu_as_on_the_cpu(adapter: Adapter, fer
     points = triangulate(turned, seen)
     settings = BundleSettings(position_sigma=0.01 * fern.scale.distance, rotation_sigma=0.01)
     gpu, cpu = (
-        adjust_bundle(turned, points, seen, settings, adjuster=device) for device in (WebGpuAdjuster(), CpuAdjuster())
+        adjust_bundle(turned, points, seen, settings, linearizer=device)
+        for device in (WebGpuLinearizer(), CpuLinearizer())
     )
     assert cpu.cost_before > 5 * cpu.cost_after
     assert gpu.cost_after == pytest.approx(cpu.cost_after, rel=1e-5)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -11,9 +12,12 @@ import pytest
 from pocketgs.capture import Capture, Frame
 from pocketgs.capture.synthetic import true_capture
 from pocketgs.geometry.camera import Camera
+from pocketgs.prior.features.cpu.finder import CpuFinder
+from pocketgs.prior.features.features import DESCRIPTOR, Features
+from pocketgs.prior.poses.relocalisation import Relocalisation
 from pocketgs.prior.poses.structure import Structure, StructureSettings, build_structure
 from pocketgs.prior.scale import estimate_scale
-from prior.bundle_problem import turned_and_moved
+from prior.bundle_problem import make_problem, predicted, turned_and_moved
 
 FRAMES = 16
 SETTINGS = StructureSettings(features=1000)
@@ -51,10 +55,10 @@ def test_wrong_poses_are_found_and_mended(capture: Capture, metres: float) -> No
     structure = built(capture, moved(capture.frames, wrong, metres))
     assert structure is not None
     names = {capture.frames[index].name for index in wrong}
-    assert set(structure.replaced) | set(structure.doubtful) == names
+    assert set(structure.replaced) | set(structure.unplaced) == names
     assert structure.refined
     assert not structure.adjusted
-    mended = [name not in structure.doubtful for name in structure.names]
+    mended = [name not in structure.unplaced for name in structure.names]
     assert sum(mended) >= FRAMES - 1
     assert offsets(structure.cameras, capture.frames)[mended].max() < 0.02
 
@@ -63,7 +67,7 @@ def test_wrong_poses_that_may_not_move_are_named(capture: Capture) -> None:
     frames = moved(capture.frames, [5, 12], 1.0)
     structure = built(capture, frames, replace(SETTINGS, bundle=False))
     assert structure is not None
-    assert set(structure.doubtful) == {frames[5].name, frames[12].name}
+    assert set(structure.unplaced) == {frames[5].name, frames[12].name}
     assert not structure.refined
     assert [camera is frame.camera for camera, frame in zip(structure.cameras, frames, strict=True)] == [True] * FRAMES
 
@@ -72,7 +76,7 @@ def test_half_the_poses_wrong(capture: Capture) -> None:
     wrong = list(range(0, FRAMES, 2))
     structure = built(capture, moved(capture.frames, wrong, 0.2))
     assert structure is not None
-    kept = [name not in structure.doubtful for name in structure.names]
+    kept = [name not in structure.unplaced for name in structure.names]
     assert sum(kept) >= FRAMES - 3
     assert np.median(offsets(structure.cameras, capture.frames)[kept]) < 0.02
 
@@ -88,7 +92,7 @@ def test_a_group_that_agrees_only_with_itself(capture: Capture) -> None:
     ]
     structure = built(capture, frames)
     assert structure is not None
-    assert set(structure.replaced) | set(structure.doubtful) == {frames[index].name for index in group}
+    assert set(structure.replaced) | set(structure.unplaced) == {frames[index].name for index in group}
 
 
 def test_a_photograph_of_another_place(capture: Capture) -> None:
@@ -96,7 +100,7 @@ def test_a_photograph_of_another_place(capture: Capture) -> None:
     frames[6] = replace(frames[6], image=np.ascontiguousarray(frames[6].image[:, ::-1]))
     structure = built(capture, frames)
     assert structure is not None
-    assert structure.doubtful == (frames[6].name,)
+    assert structure.unplaced == (frames[6].name,)
     assert offsets(structure.cameras, capture.frames).max() == 0
 
 
@@ -104,14 +108,14 @@ def test_duplicate_frames(capture: Capture) -> None:
     frames = [*capture.frames, *(replace(frame, name=f"again/{frame.name}") for frame in capture.frames[:5])]
     structure = built(capture, frames)
     assert structure is not None
-    assert structure.doubtful == structure.replaced == ()
+    assert structure.unplaced == structure.replaced == ()
     assert not structure.refined
 
 
 def test_two_frames(capture: Capture) -> None:
     structure = built(capture, capture.frames[4:6])
     assert structure is not None
-    assert not structure.doubtful
+    assert not structure.unplaced
 
 
 def test_turning_on_the_spot_tells_no_depth(capture: Capture) -> None:
@@ -122,3 +126,26 @@ def test_turning_on_the_spot_tells_no_depth(capture: Capture) -> None:
 
 def test_a_blank_wall(capture: Capture) -> None:
     assert built(capture, [replace(frame, image=np.full_like(frame.image, 200)) for frame in capture.frames]) is None
+
+
+@pytest.mark.parametrize(("share", "placed"), [(0.8, True), (0.5, False)])
+def test_a_view_is_placed_only_where_most_of_it_fits(share: float, placed: bool) -> None:
+    """What stands twice in a room gives enough matches for a place, which all others contradict."""
+    problem = make_problem(frames=8, points=200, views=8)
+    views, rng = len(problem.true_cameras), np.random.default_rng(0)
+    order = np.lexsort((problem.observations.point, problem.observations.frame))
+    pixels = predicted(problem.true_cameras, problem.true_points, problem.observations.select(order))
+    pixels = pixels.reshape(views, -1, 2)
+    twins = rng.permutation(len(problem.true_points))[round(share * len(problem.true_points)) :]
+    pixels[-1, twins] = rng.uniform((0, 0), (640, 480), (len(twins), 2))
+    descriptors = rng.normal(size=(len(problem.true_points), DESCRIPTOR)).astype(np.float32)
+    features = [Features(seen, descriptors) for seen in pixels]
+    same = np.tile(np.arange(len(problem.true_points))[:, None], 2)
+    wrong = np.arange(views) == views - 1
+    cameras = [*problem.true_cameras[:-1], turned_and_moved(problem.true_cameras[-1], np.zeros(3), np.full(3, 2.0))]
+    matches = {pair: same for pair in combinations(range(views), 2)}
+    found = Relocalisation(cameras, features, matches, wrong, 2.0, 4.0, CpuFinder())
+    found.run()
+    assert found.wrong.any() != placed
+    if placed:
+        np.testing.assert_allclose(found.cameras[-1].centre, problem.true_cameras[-1].centre, atol=1e-3)

@@ -17,8 +17,8 @@ from scipy.spatial.transform import Rotation
 
 from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera
-from pocketgs.prior.bundle.cpu.schur import MIN_DIAGONAL, CpuAdjuster, camera_equations
-from pocketgs.prior.bundle.equations import Adjuster, CameraEquations
+from pocketgs.prior.bundle.cpu.equations import MIN_DIAGONAL, CpuLinearizer, camera_equations
+from pocketgs.prior.bundle.equations import CameraEquations, Linearizer
 from pocketgs.prior.bundle.levenberg_marquardt import minimise
 from pocketgs.prior.bundle.pose_prior import PosePrior, pose_prior, unheld
 from pocketgs.prior.bundle.problem import by_point, check, first_estimate
@@ -108,7 +108,7 @@ def adjust_bundle(
     observations: Observations,
     settings: BundleSettings,
     start: Sequence[Camera] | None = None,
-    adjuster: Adjuster | None = None,
+    linearizer: Linearizer | None = None,
 ) -> BundleResult:
     """Optimise poses and points.
 
@@ -121,7 +121,7 @@ def adjust_bundle(
         observations: where points were observed.
         settings: see `BundleSettings`.
         start: initial poses, of F cameras.
-        adjuster: makes the normal equations; None for the CPU.
+        linearizer: makes the normal equations; None for the CPU.
 
     Raises:
         PocketGSError: array shapes disagree or numbers are not finite, a point is observed by fewer than two cameras, a
@@ -135,7 +135,7 @@ def adjust_bundle(
     given = first_estimate(cameras, points)
     prior = pose_prior(given, settings.position_sigma, settings.rotation_sigma)
     free = unheld(first, settings.position_sigma is not None, settings.rotation_sigma is not None)
-    equations = (adjuster or CpuAdjuster()).equations(sightings, settings.huber)
+    equations = (linearizer or CpuLinearizer()).equations(sightings, settings.huber)
 
     def step(estimate: Estimate, damping: float) -> tuple[Estimate, float]:
         reduced = equations.reduced(estimate, damping)

@@ -1,4 +1,4 @@
-"""Normal equations of a bundle adjustment: the seam between the adjustment and its devices."""
+"""Normal equations of a bundle adjustment: the interface that the CPU and GPU versions implement."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from pocketgs.prior.bundle.reprojection import Estimate, Sightings
-from pocketgs.system.device_name import DeviceName
+from pocketgs.system.device import DeviceName
 
 
 class CameraEquations(NamedTuple):
@@ -50,7 +50,7 @@ class NormalEquations(Protocol):
         """
 
 
-class Adjuster(Protocol):
+class Linearizer(Protocol):
     """A device that makes normal equations."""
 
     name: DeviceName

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pocketgs.errors import PocketGSError
+from pocketgs.errors import PocketGSError, listed
 from pocketgs.geometry.camera import Camera
 from pocketgs.prior.bundle.reprojection import Estimate, Sightings
 from pocketgs.prior.features.observations import Observations
@@ -53,8 +53,8 @@ def check(
     views = np.bincount(pairs[0], minlength=len(points))
     if views.min() < fewest_views:
         lonely = np.flatnonzero(views < fewest_views)
-        listed = ", ".join(map(str, lonely[:10])) + (", ..." if len(lonely) > 10 else "")
-        raise PocketGSError(f"bundle: {len(lonely)} points seen by fewer than {fewest_views} cameras: {listed}")
+        named = listed([str(index) for index in lonely], 10)
+        raise PocketGSError(f"bundle: {len(lonely)} points seen by fewer than {fewest_views} cameras: {named}")
     seen = np.bincount(pairs[1], minlength=len(cameras))
     if not poses_known and seen.min() < MIN_POINTS:
         raise PocketGSError(

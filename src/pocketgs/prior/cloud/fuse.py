@@ -11,7 +11,7 @@ from pocketgs.capture.capture import Frame
 from pocketgs.prior.cloud.detail import detail
 from pocketgs.prior.cloud.merge import Candidates
 from pocketgs.prior.cloud.visual_hull import outside_hull
-from pocketgs.prior.depth.consistency import ConfidenceMap, Views
+from pocketgs.prior.depth.consistency import ConfidenceMap, SweptViews
 from pocketgs.prior.depth.stereo import Stereo
 from pocketgs.prior.depth.sweep import DepthMap
 
@@ -70,14 +70,14 @@ def most_candidates(pixels: int) -> int:
     return -(-pixels // max(1, -(-pixels // MAX_CANDIDATES)))
 
 
-def views_of(keyframes: Sequence[Frame], maps: Sequence[DepthMap]) -> Views:
+def views_of(keyframes: Sequence[Frame], maps: Sequence[DepthMap]) -> SweptViews:
     """The depth maps of keyframes, to compare."""
     sizes = np.array([map_.depth.shape for map_ in maps], np.int64)
     depths = np.zeros((len(maps), *sizes.max(axis=0)), np.float32)
     for padded, map_ in zip(depths, maps, strict=True):
         padded[: map_.depth.shape[0], : map_.depth.shape[1]] = map_.depth
     cameras = [keyframe.camera for keyframe in keyframes]
-    return Views(
+    return SweptViews(
         depths,
         np.array([(camera.fx, camera.fy, camera.cx, camera.cy) for camera in cameras]),
         sizes,

@@ -1,4 +1,6 @@
-"""Merging: from millions of pixels with depths to a point cloud of bounded size; the seam to its devices."""
+"""Merging: from millions of pixels with depths to a point cloud of bounded size; `Merger` is the interface that the CPU
+and GPU versions implement.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pocketgs.scene.point_cloud import PointCloud
-from pocketgs.system.device_name import DeviceName
+from pocketgs.system.device import DeviceName
 
 MERGING_ROUNDS = 12
 OVERFULL = 1.05

@@ -1,4 +1,4 @@
-"""Consistency of depth maps: what is compared, and what comes of it."""
+"""Consistency of depth maps: the views to compare, how far they agree, and how far depths are believed."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pocketgs.prior.parallax import LEAST_PARALLAX
+from pocketgs.prior.depth.source_views import LEAST_PARALLAX
 
 AROUND, COHERENT_STEPS = 3, 2.0
 """A depth is coherent if at least half of the known ones around it, up to so many rows and columns away, are within so
@@ -20,7 +20,7 @@ CONFIRMED = 2
 """Number of agreeing views that confirm a depth that is not coherent, such as that of a twig."""
 
 
-class Views(NamedTuple):
+class SweptViews(NamedTuple):
     """Depth maps of several views, padded to one size.
 
     Attributes:
@@ -39,7 +39,7 @@ class Views(NamedTuple):
     steps: np.ndarray
 
 
-def farthest_confirmed(views: Views, view: int) -> np.ndarray:
+def farthest_confirmed(views: SweptViews, view: int) -> np.ndarray:
     """(K,) float64 depths of a view up to which the agreement of each view counts; infinite if it counts for all.
 
     Copies of the view agree with it whatever its depths are. Farther than that depth, a baseline is too short to tell

@@ -9,7 +9,13 @@ import numpy as np
 from pocketgs.capture.capture import Frame
 from pocketgs.geometry.camera import Camera
 from pocketgs.prior.depth.sweep import SweepSettings
-from pocketgs.prior.parallax import LEAST_PARALLAX
+
+LEAST_PARALLAX = float(np.radians(0.2))
+"""Minimum angle between the rays of two views to a point, in radians: with less, one view is a copy of the other.
+
+Copies come from bursts, and from videos while the phone stands still. They match at every depth, so they confirm
+whatever depth the other one has. At the size of a sweep, this angle is two to three pixels.
+"""
 
 BASELINE_SPREAD = 0.5
 """Standard deviation of the baseline score, relative to the target baseline."""

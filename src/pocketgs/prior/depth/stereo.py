@@ -1,4 +1,4 @@
-"""Stereo: what computes depth maps and compares them, the seam between the prior and its devices."""
+"""Computing and comparing depth maps: the interface that the CPU and GPU versions implement."""
 
 from __future__ import annotations
 
@@ -9,12 +9,10 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from pocketgs.capture.capture import Frame
-from pocketgs.errors import PocketGSError
-from pocketgs.prior.depth.consistency import ConfidenceMap, Views
+from pocketgs.prior.depth.consistency import ConfidenceMap, SweptViews
 from pocketgs.prior.depth.depth_range import DepthRange
 from pocketgs.prior.depth.sweep import DepthMap, SweepSettings
-from pocketgs.system.device_name import DeviceName
-from pocketgs.system.memory_need import MemoryNeed
+from pocketgs.system.device import DeviceName, MemoryNeed
 
 MAP_BYTES = 4
 """Bytes per pixel of a depth map, padded, while all are compared."""
@@ -22,7 +20,7 @@ MAP_BYTES = 4
 
 @dataclass(frozen=True)
 class StereoExtent:
-    """The most that a run asks for: what the memory that it takes follows from.
+    """Maximum sizes in a run; memory is computed from them.
 
     Attributes:
         width, height: of the largest frame at the size of a sweep, in pixels.
@@ -40,7 +38,7 @@ class StereoExtent:
 
     @staticmethod
     def of(sizes: Sequence[tuple[int, int]], source_views: int, keyframes: int) -> StereoExtent:
-        """The most that frames of these widths and heights ask for."""
+        """The maximum sizes for frames of these widths and heights."""
         largest = max(sizes, key=lambda size: size[0] * size[1])
         widths, heights = zip(*sizes, strict=True)
         return StereoExtent(*largest, max(widths), max(heights), source_views, keyframes)
@@ -79,7 +77,7 @@ class Stereo(Protocol):
     name: DeviceName
 
     def memory_needed(self, extent: StereoExtent) -> StereoNeed:
-        """What work of at most this extent would take.
+        """The memory that work of at most this extent takes.
 
         Raises:
             PocketGSError: the device's memory does not hold it.
@@ -108,7 +106,7 @@ class Stereo(Protocol):
         """
 
     def compare(
-        self, views: Views, margins: Sequence[np.ndarray], tolerance: float, least: float
+        self, views: SweptViews, margins: Sequence[np.ndarray], tolerance: float, least: float
     ) -> Iterator[ConfidenceMap]:
         """Compare every depth of each view, one view after the other, with the other views' depths.
 
@@ -121,33 +119,3 @@ class Stereo(Protocol):
             tolerance: maximum relative difference of agreeing depths.
             least: minimum confidence outside holes.
         """
-
-
-def with_room(stereo: Stereo, extent: StereoExtent) -> tuple[Stereo, tuple[str, ...]]:
-    """The device with its memory reserved, or the CPU where it has too little memory; and warnings.
-
-    Args:
-        stereo: the device.
-        extent: the most that will be asked for.
-    """
-    try:
-        stereo.reserve(extent)
-    except PocketGSError as error:
-        stereo.release()
-        return _cpu(), (f"depth is computed on the CPU: {error}",)
-    return stereo, ()
-
-
-def need_of(stereo: Stereo, extent: StereoExtent) -> StereoNeed:
-    """The memory that work takes, on the CPU where the device has too little: see `with_room`."""
-    try:
-        return stereo.memory_needed(extent)
-    except PocketGSError:
-        return _cpu().memory_needed(extent)
-
-
-def _cpu() -> Stereo:
-    """What takes the place of a GPU; its module needs this one."""
-    from pocketgs.prior.depth.cpu.stereo import CpuStereo
-
-    return CpuStereo()

@@ -1,4 +1,4 @@
-"""Feature finder: what detects and matches features, the seam between the prior and its devices."""
+"""Detecting and matching features: the interface that the CPU and GPU versions implement."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from pocketgs.capture.capture import Frame
 from pocketgs.prior.features.features import Features
-from pocketgs.system.device_name import DeviceName
+from pocketgs.system.device import DeviceName
 
 
 class FeatureFinder(Protocol):

@@ -9,7 +9,7 @@ import numpy as np
 
 from pocketgs.geometry.camera import Camera
 from pocketgs.prior.bundle.adjustment import BundleSettings, adjust_bundle
-from pocketgs.prior.bundle.equations import Adjuster
+from pocketgs.prior.bundle.equations import Linearizer
 from pocketgs.prior.features.observations import Observations, enough_for_each_view
 from pocketgs.prior.features.tracks import triangulate
 from pocketgs.prior.poses.consensus import consensus
@@ -48,14 +48,14 @@ class RobustAdjustment:
         tolerance: maximum error of an observation under the given poses, in pixels.
         finest: errors below this many pixels are noise.
         settings: of bundle adjustment.
-        adjuster: makes the normal equations.
+        linearizer: makes the normal equations.
     """
 
     given: Sequence[Camera]
     tolerance: float
     finest: float
     settings: BundleSettings
-    adjuster: Adjuster
+    linearizer: Linearizer
 
     def to(self, tracks: Observations) -> Adjusted:
         """Adjust the cameras to those of the observations that agree.
@@ -74,7 +74,7 @@ class RobustAdjustment:
             finite = np.isfinite(points).all(axis=1)
             seen = seen.select(finite[seen.point]).renumbered()
             result = adjust_bundle(
-                self.given, points[finite], seen, self.settings, start=cameras, adjuster=self.adjuster
+                self.given, points[finite], seen, self.settings, start=cameras, linearizer=self.linearizer
             )
             cameras = [new if own else old for old, new, own in zip(self.given, result.cameras, supported, strict=True)]
             last, tolerance = tolerance, next_tolerance(result.residuals, tolerance, self.finest)

@@ -11,8 +11,8 @@ from pocketgs.capture.capture import Frame, Photographs
 from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera
 from pocketgs.prior.bundle.adjustment import BundleSettings
-from pocketgs.prior.bundle.cpu.schur import CpuAdjuster
-from pocketgs.prior.bundle.equations import Adjuster
+from pocketgs.prior.bundle.cpu.equations import CpuLinearizer
+from pocketgs.prior.bundle.equations import Linearizer
 from pocketgs.prior.features.cpu.finder import CpuFinder
 from pocketgs.prior.features.detection import detect_all
 from pocketgs.prior.features.features import Features
@@ -22,7 +22,7 @@ from pocketgs.prior.features.pairs import choose_pairs
 from pocketgs.prior.features.tracks import link, reprojection_errors, triangulate, triangulation_angles
 from pocketgs.prior.features.two_view import VERIFICATION, Matches, match_views
 from pocketgs.prior.poses.consensus import consensus
-from pocketgs.prior.poses.convention import check_convention
+from pocketgs.prior.poses.convention import check_adjusted, check_convention
 from pocketgs.prior.poses.refinement import refine
 from pocketgs.prior.poses.relocalisation import Relocalisation
 from pocketgs.prior.poses.robust_adjustment import RobustAdjustment
@@ -84,7 +84,7 @@ class Structure:
         adjusted: whether adjustment has moved cameras together, so that points of the given world no longer fit them.
         carried: names of frames that see too few points to be refined, and were moved with the nearest refined frame.
         replaced: names of frames whose given poses were wrong and that were relocalised.
-        doubtful: names of frames whose poses the others contradict and that could not be relocalised.
+        unplaced: names of frames whose poses the others contradict and that could not be relocalised.
     """
 
     names: tuple[str, ...]
@@ -98,7 +98,7 @@ class Structure:
     adjusted: bool
     carried: tuple[str, ...] = ()
     replaced: tuple[str, ...] = ()
-    doubtful: tuple[str, ...] = ()
+    unplaced: tuple[str, ...] = ()
 
     def of(self, frames: Sequence[Frame]) -> Structure:
         """The structure of some of the frames: their cameras, and the points that at least two of them see, renumbered.
@@ -135,7 +135,7 @@ def build_structure(
     settings: StructureSettings,
     photographs: Photographs | None = None,
     finder: FeatureFinder | None = None,
-    adjuster: Adjuster | None = None,
+    linearizer: Linearizer | None = None,
 ) -> Structure | None:
     """Triangulate points that several frames see, and refine the poses where the points contradict them.
 
@@ -145,7 +145,7 @@ def build_structure(
         settings: see `StructureSettings`.
         photographs: the frames' photographs, to detect features in larger images; None to use the frames themselves.
         finder: detects and matches features; None for the CPU.
-        adjuster: makes the normal equations of bundle adjustment; None for the CPU.
+        linearizer: makes the normal equations of bundle adjustment; None for the CPU.
 
     Returns:
         None if there is too little texture.
@@ -161,7 +161,8 @@ def build_structure(
     finest = FINEST * float(np.median([view.grain for view in features])) if features else FINEST
     pairs = choose_pairs(names, given, features, scale.distance)
     matches = match_views(given, features, pairs, finder)
-    check_convention(given, features, matches)
+    positions = [view.pixels for view in features]
+    share = check_convention(given, positions, matches)
     placed, matches, wrong = _placed(given, features, matches, finest, settings.bundle, scale, finder)
     sound = {pair: found for pair, found in matches.items() if not wrong[list(pair)].any()}
     tracks, _ = link(features, sound)
@@ -172,9 +173,10 @@ def build_structure(
     cameras, carried = placed, np.zeros(len(frames), bool)
     if settings.bundle:
         how = settings.bundle_settings(scale)
-        adjustment = RobustAdjustment(placed, widest_tolerance(given), finest, how, adjuster or CpuAdjuster())
+        adjustment = RobustAdjustment(placed, widest_tolerance(given), finest, how, linearizer or CpuLinearizer())
         refinement = refine(adjustment, tracks, [frame.image for frame in frames], scale.distance)
         cameras, carried = refinement.cameras, refinement.carried
+    check_adjusted(share, cameras, positions, sound)
     tolerance = measured_tolerance(cameras, tracks, finest)
     points, seen = _agreeing(cameras, tracks, tolerance)
     if len(points) < settings.fewest_points:
@@ -192,7 +194,7 @@ def build_structure(
         adjusted=any(new is not old for new, old in zip(cameras, placed, strict=True)),
         carried=_chosen(names, carried),
         replaced=_chosen(names, changed),
-        doubtful=_chosen(names, wrong),
+        unplaced=_chosen(names, wrong),
     )
 
 

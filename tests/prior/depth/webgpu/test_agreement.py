@@ -11,7 +11,7 @@ from pocketgs.capture.synthetic import true_capture
 from pocketgs.errors import PocketGSError
 from pocketgs.prior.cloud.fuse import views_of
 from pocketgs.prior.depth.confidence import FILLER_CONFIDENCE, confidence_map
-from pocketgs.prior.depth.consistency import Agreement, Views
+from pocketgs.prior.depth.consistency import Agreement, SweptViews
 from pocketgs.prior.depth.cpu.consistency import compare_depths
 from pocketgs.prior.depth.cpu.stereo import CpuStereo
 from pocketgs.prior.depth.sweep import DepthMap
@@ -33,7 +33,7 @@ def stereo() -> WebGpuStereo:
 
 
 @cache
-def room() -> Views:
+def room() -> SweptViews:
     """Depth maps of the demo's room, exact but for a noise of 1 %."""
     frames = true_capture(80, 60, frames=7, points=10).train
     rng = np.random.default_rng(0)
@@ -42,12 +42,12 @@ def room() -> Views:
     return views_of(frames, [DepthMap(depth, np.ones_like(depth), 0.004) for depth in depths.astype(np.float32)])
 
 
-def moved(views: Views, offset: list[float]) -> Views:
+def moved(views: SweptViews, offset: list[float]) -> SweptViews:
     """The same in a world whose origin is elsewhere."""
     return views._replace(translations=views.translations - views.rotations @ np.array(offset))
 
 
-def narrow() -> Views:
+def narrow() -> SweptViews:
     """Narrower than half the square in which confident pixels are counted."""
     views = random_views(1)
     return views._replace(sizes=np.array([[9, 3], [2, 8], [7, 1]]))
@@ -64,13 +64,13 @@ CASES = {
 }
 
 
-def margins_of(views: Views) -> list[np.ndarray]:
+def margins_of(views: SweptViews) -> list[np.ndarray]:
     """At random: some clear, some not."""
     rng = np.random.default_rng(5)
     return [rng.choice(np.float32([0.0, 0.02, 0.07, 0.5]), size, p=[0.2, 0.2, 0.3, 0.3]) for size in views.sizes]
 
 
-def votes(view: int, views: Views) -> Agreement:
+def votes(view: int, views: SweptViews) -> Agreement:
     """Votes that the last comparison left on the GPU."""
     shape = tuple(views.sizes[view])
     words = stereo().comparing.read("votes", np.uint32, shape[0] * shape[1]).reshape(shape)

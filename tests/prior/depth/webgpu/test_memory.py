@@ -16,7 +16,8 @@ from pocketgs.prior.depth.consistency import ConfidenceMap
 from pocketgs.prior.depth.cpu.stereo import CpuStereo
 from pocketgs.prior.depth.depth_maps import stereo_extent
 from pocketgs.prior.depth.depth_range import DepthRange
-from pocketgs.prior.depth.stereo import Stereo, StereoExtent, need_of, with_room
+from pocketgs.prior.depth.room import need_of, with_room
+from pocketgs.prior.depth.stereo import Stereo, StereoExtent
 from pocketgs.prior.depth.sweep import SweepSettings
 from pocketgs.prior.depth.webgpu.layout import MOST_BANDS
 from pocketgs.prior.depth.webgpu.stereo import WebGpuStereo, _numbers_of

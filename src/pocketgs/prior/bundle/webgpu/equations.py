@@ -13,17 +13,17 @@ from pocketgs.gpu.adapters import choose_adapter
 from pocketgs.gpu.buffer_sizes import fit
 from pocketgs.gpu.device import shared_device
 from pocketgs.gpu.executor import Executor
-from pocketgs.prior.bundle.cpu.schur import CpuEquations
+from pocketgs.prior.bundle.cpu.equations import CpuEquations
 from pocketgs.prior.bundle.equations import CameraEquations, NormalEquations
 from pocketgs.prior.bundle.reprojection import CAMERA_UNKNOWNS, Estimate, Sightings
 from pocketgs.prior.bundle.webgpu.layout import CAMERA_SUMS, COLUMNS, PAIR_SUMS, PRODUCTS
 from pocketgs.prior.bundle.webgpu.passes import REDUCE, STEP, describe_equations
 from pocketgs.prior.bundle.webgpu.problem import by_camera, meeting_count, meetings_of
-from pocketgs.system.device_name import DeviceName
+from pocketgs.system.device import MB, DeviceName
 
 
-class WebGpuAdjuster:
-    """See `pocketgs.prior.bundle.equations.Adjuster`. What the GPU's memory does not hold, the CPU computes.
+class WebGpuLinearizer:
+    """See `pocketgs.prior.bundle.equations.Linearizer`. What the GPU's memory does not hold, the CPU computes.
 
     Args:
         gpu: part of the name of the GPU to use, or None for the best.
@@ -38,7 +38,7 @@ class WebGpuAdjuster:
     def __init__(self, gpu: str | None = None, max_memory: int = 3000) -> None:
         self._adapter = choose_adapter(gpu)
         self._executor = Executor(shared_device(self._adapter), describe_equations())
-        self._max_memory = max_memory * 1_000_000
+        self._max_memory = max_memory * MB
 
     def equations(self, sightings: Sightings, huber: float) -> NormalEquations:
         """The equations of a problem."""

@@ -9,7 +9,7 @@ from pocketgs.gpu.description import Description, Pass, Sequence, shader_names
 from pocketgs.gpu.shader_library import ShaderLibrary
 from pocketgs.gpu.uniforms import UniformLayout
 from pocketgs.gpu.workgroups import THREADS
-from pocketgs.prior.bundle.cpu.schur import MIN_DIAGONAL
+from pocketgs.prior.bundle.cpu.equations import MIN_DIAGONAL
 from pocketgs.prior.bundle.reprojection import CAMERA_UNKNOWNS, GRAZING
 from pocketgs.prior.bundle.webgpu import layout
 from pocketgs.prior.bundle.webgpu.layout import (

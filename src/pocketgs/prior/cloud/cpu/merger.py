@@ -6,7 +6,7 @@ import numpy as np
 
 from pocketgs.prior.cloud.merge import Candidates, choose_size, heaviest, levels_of, side_of, turned
 from pocketgs.scene.point_cloud import PointCloud
-from pocketgs.system.device_name import DeviceName
+from pocketgs.system.device import DeviceName
 
 KEY_FACTORS = (0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB, 0xD6E8FEB86659FD93)
 """A voxel's key is the sum, modulo 2^64, of its place and relative level times these odd numbers without a pattern.

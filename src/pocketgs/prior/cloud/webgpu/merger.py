@@ -13,7 +13,7 @@ from pocketgs.prior.cloud.merge import TURN, Candidates, choose_size, heaviest, 
 from pocketgs.prior.cloud.webgpu.layout import MERGED_WORDS
 from pocketgs.prior.cloud.webgpu.passes import FILL, MERGE, describe_merging
 from pocketgs.scene.point_cloud import PointCloud
-from pocketgs.system.device_name import DeviceName
+from pocketgs.system.device import MB, DeviceName
 
 
 class WebGpuMerger:
@@ -35,7 +35,7 @@ class WebGpuMerger:
     def __init__(self, gpu: str | None = None, max_memory: int = 3000) -> None:
         self._adapter = choose_adapter(gpu)
         self.executor = Executor(shared_device(self._adapter), describe_merging())
-        self._max_memory = max_memory * 1_000_000
+        self._max_memory = max_memory * MB
 
     def merged(self, candidates: Candidates, count: int) -> PointCloud:
         """Average the candidates in each voxel. The GPU's memory is held only meanwhile."""

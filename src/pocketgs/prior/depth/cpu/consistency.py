@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numba import prange
 
-from pocketgs.prior.depth.consistency import AROUND, COHERENT_STEPS, CONFIRMED, Views, farthest_confirmed
+from pocketgs.prior.depth.consistency import AROUND, COHERENT_STEPS, CONFIRMED, SweptViews, farthest_confirmed
 from pocketgs.system.compile import parallel_kernel, part
 
 
-def compare_depths(views: Views, view: int, tolerance: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def compare_depths(views: SweptViews, view: int, tolerance: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Compare every depth of a view with the other views' depths.
 
     See `pocketgs.prior.depth.stereo.Stereo.compare`.
@@ -27,7 +27,7 @@ def compare_depths(views: Views, view: int, tolerance: float) -> tuple[np.ndarra
 
 @parallel_kernel
 def _compare(
-    views: Views, view: int, tolerance: float, farthest: np.ndarray
+    views: SweptViews, view: int, tolerance: float, farthest: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """See `compare_depths`; `farthest`: (K,) depths up to which the agreement of each view counts."""
     height, width = views.sizes[view]
@@ -90,7 +90,7 @@ def is_coherent(depths: np.ndarray, row: int, column: int, step: float) -> bool:
 
 
 @part
-def relative_poses(views: Views, view: int) -> tuple[np.ndarray, np.ndarray]:
+def relative_poses(views: SweptViews, view: int) -> tuple[np.ndarray, np.ndarray]:
     """(K, 3, 3) and (K, 3): transforms from one view's camera axes to each view's."""
     count = len(views.rotations)
     turns, shifts = np.zeros((count, 3, 3)), np.zeros((count, 3))

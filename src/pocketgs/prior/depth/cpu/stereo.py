@@ -11,7 +11,7 @@ import numpy as np
 from pocketgs.capture.capture import Frame
 from pocketgs.geometry.camera import Camera
 from pocketgs.prior.depth.confidence import confidence_map
-from pocketgs.prior.depth.consistency import Agreement, ConfidenceMap, Views
+from pocketgs.prior.depth.consistency import Agreement, ConfidenceMap, SweptViews
 from pocketgs.prior.depth.cpu.consistency import compare_depths
 from pocketgs.prior.depth.cpu.matching_cost import ALL_USABLE, SourceViews, matching_costs, squares_of
 from pocketgs.prior.depth.cpu.semi_global import EIGHT_PATHS, FOUR_PATHS, aggregate, winners
@@ -20,8 +20,7 @@ from pocketgs.prior.depth.source_views import mapping
 from pocketgs.prior.depth.stereo import MAP_BYTES, StereoExtent, StereoNeed
 from pocketgs.prior.depth.sweep import DepthMap, SweepSettings, no_depth, step_of
 from pocketgs.prior.depth.sweep_constants import BITS, SMOOTHING_STEPS, SMOOTHING_WIDTH, SMOOTHING_WINDOW
-from pocketgs.system.device_name import DeviceName
-from pocketgs.system.memory_need import MemoryNeed
+from pocketgs.system.device import DeviceName, MemoryNeed
 
 HYPOTHESIS_BYTES, PIXEL_BYTES, SOURCE_BYTES = 3, 40, 4
 """Bytes per pixel and hypothesis: a cost of one byte, and a sum of two. Bytes per pixel of its copies, and of a
@@ -67,7 +66,7 @@ class CpuStereo:
         return DepthMap(smoothed(depth, step), margin, step)
 
     def compare(
-        self, views: Views, margins: Sequence[np.ndarray], tolerance: float, least: float
+        self, views: SweptViews, margins: Sequence[np.ndarray], tolerance: float, least: float
     ) -> Iterator[ConfidenceMap]:
         """Compare the depths of each view with the other views' depths."""
         for view, (height, width) in enumerate(views.sizes):

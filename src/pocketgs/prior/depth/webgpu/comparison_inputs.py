@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pocketgs.gpu.sizes import Symbols
-from pocketgs.prior.depth.consistency import Views, farthest_confirmed
+from pocketgs.prior.depth.consistency import SweptViews, farthest_confirmed
 
 
-def comparison_numbers(views: Views, view: int) -> dict[str, int]:
+def comparison_numbers(views: SweptViews, view: int) -> dict[str, int]:
     """The numbers that `describe_comparison` names."""
     count, image_height, image_width = views.depths.shape
     height, width = (int(side) for side in views.sizes[view])
@@ -25,7 +25,7 @@ def comparison_numbers(views: Views, view: int) -> dict[str, int]:
 
 
 def comparison_fields(
-    views: Views, view: int, given: Symbols, tolerance: float, least: float
+    views: SweptViews, view: int, given: Symbols, tolerance: float, least: float
 ) -> Mapping[str, ArrayLike]:
     """The fields of the uniform buffer `comparison`."""
     fx, fy, cx, cy = views.intrinsics[view]
@@ -33,7 +33,7 @@ def comparison_fields(
     return {**given, "focal": (fx, fy), "principal": (cx, cy), "view": view, **thresholds}
 
 
-def other_records(views: Views, view: int) -> np.ndarray:
+def other_records(views: SweptViews, view: int) -> np.ndarray:
     """(K, 5, 4) float32, as `agreement.wgsl` reads them.
 
     Transforms between views are put together in float64: far from the world's origin, single precision would not hold

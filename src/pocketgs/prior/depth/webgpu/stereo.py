@@ -15,7 +15,7 @@ from pocketgs.gpu.description import Description
 from pocketgs.gpu.device import shared_device
 from pocketgs.gpu.executor import Executor
 from pocketgs.gpu.sizes import Symbols
-from pocketgs.prior.depth.consistency import ConfidenceMap, Views
+from pocketgs.prior.depth.consistency import ConfidenceMap, SweptViews
 from pocketgs.prior.depth.depth_range import MOST, DepthRange
 from pocketgs.prior.depth.stereo import MAP_BYTES, StereoExtent, StereoNeed
 from pocketgs.prior.depth.sweep import DepthMap, SweepSettings, no_depth, step_of
@@ -23,8 +23,7 @@ from pocketgs.prior.depth.webgpu.comparison_inputs import comparison_fields, com
 from pocketgs.prior.depth.webgpu.layout import MOST_BANDS, MOST_HYPOTHESES
 from pocketgs.prior.depth.webgpu.passes import COMPARE, SWEEP, describe_comparison, describe_sweep
 from pocketgs.prior.depth.webgpu.sweep_inputs import SweepInputs
-from pocketgs.system.device_name import DeviceName
-from pocketgs.system.memory_need import MemoryNeed
+from pocketgs.system.device import MB, DeviceName, MemoryNeed
 
 PIXEL_BYTES, IMAGE_BYTES = 40, 8
 """Bytes of this process per pixel: copies of the view and the result; and per pixel of each packed image, which is
@@ -61,7 +60,7 @@ class WebGpuStereo:
         adapter = choose_adapter(gpu)
         device = shared_device(adapter)
         self.sweeping, self.comparing = Executor(device, describe_sweep()), Executor(device, describe_comparison())
-        self._largest, self._total = adapter.largest_buffer, max_memory * 1_000_000
+        self._largest, self._total = adapter.largest_buffer, max_memory * MB
         self._shares_memory = adapter.shares_memory
         self._bands = 1
 
@@ -112,7 +111,7 @@ class WebGpuStereo:
         return DepthMap(depth, margin, step_of(search.inverse_depths))
 
     def compare(
-        self, views: Views, margins: Sequence[np.ndarray], tolerance: float, least: float
+        self, views: SweptViews, margins: Sequence[np.ndarray], tolerance: float, least: float
     ) -> Iterator[ConfidenceMap]:
         """Compare the depths of each view with the other views' depths.
 

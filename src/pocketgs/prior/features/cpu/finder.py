@@ -10,7 +10,7 @@ import numpy as np
 from pocketgs.capture.capture import Frame
 from pocketgs.prior.features.features import CONTRAST, Features, Nearest, mutual_matches
 from pocketgs.system.compile import unlocked_kernel
-from pocketgs.system.device_name import DeviceName
+from pocketgs.system.device import DeviceName
 
 
 class CpuFinder:

@@ -24,7 +24,7 @@ from pocketgs.prior.features.webgpu.layout import (
     kernels,
 )
 from pocketgs.prior.features.webgpu.passes import DESCRIBE, FIND, MATCH, describe_features, describe_matching
-from pocketgs.system.device_name import DeviceName
+from pocketgs.system.device import MB, DeviceName
 
 
 class WebGpuFinder:
@@ -45,7 +45,7 @@ class WebGpuFinder:
         device = shared_device(adapter)
         self.finding, self.matching = Executor(device, describe_features()), Executor(device, describe_matching())
         self.most_pixels = min(
-            adapter.largest_buffer // OCTAVE_BYTES, max(0, max_memory * 1_000_000 - OTHER_BYTES) // PIXEL_BYTES
+            adapter.largest_buffer // OCTAVE_BYTES, max(0, max_memory * MB - OTHER_BYTES) // PIXEL_BYTES
         )
         self._lock = threading.Lock()
 

@@ -52,10 +52,10 @@ export async function buildPrior(given, { most, refines }, settings, { stereo, f
         : { capture: given, structure: null };
     const scale = scaleOf(capture, settings);
     const frames = framesOf(capture);
-    const sound = frames.map((_, i) => i).filter((i) => i < capture.train.length && !structure?.doubtful[i]);
+    const sound = frames.map((_, i) => i).filter((i) => i < capture.train.length && !structure?.unplaced[i]);
     const own = structure && structureOfFrames(structure, sound);
     const refined = structure ? withStructure(capture, structure, own, scale, prior) : capture;
-    if (structure && [...structure.replaced, ...structure.doubtful].some(Boolean)) {
+    if (structure && [...structure.replaced, ...structure.unplaced].some(Boolean)) {
         onWarning(contradiction(frames.map(({ name }) => name), structure));
     }
     const dense = await denseCloud(refined, own, most, scale, prior, stereo, onStage).catch((error) => {
@@ -143,13 +143,13 @@ async function foundBy(finder, frames, scale, settings, { onStage, onWarning }) 
 }
 
 /** A warning that names photographs whose poses were wrong. */
-function contradiction(names, { replaced, doubtful }) {
+function contradiction(names, { replaced, unplaced }) {
     const listed = (said, which) => {
         const chosen = names.filter((_, i) => which[i]);
         const named = chosen.slice(0, NAMED).join(", ") + (chosen.length > NAMED ? ", ..." : "");
         return chosen.length ? ` ${chosen.length} ${said}: ${named}.` : "";
     };
-    const fates = listed("placed anew", replaced) + listed("left out", doubtful);
+    const fates = listed("placed anew", replaced) + listed("left out", unplaced);
     return `Some photographs have poses that the others contradict.${fates}`;
 }
 
@@ -160,7 +160,7 @@ function contradiction(names, { replaced, doubtful }) {
 function withStructure(capture, structure, own, { distance }, settings) {
     const posed = (frames, first) => {
         const all = frames.map((frame, i) => ({ ...frame, camera: structure.cameras[first + i] }));
-        return all.filter((_, i) => !structure.doubtful[first + i]);
+        return all.filter((_, i) => !structure.unplaced[first + i]);
     };
     const [train, heldOut] = [posed(capture.train, 0), posed(capture.heldOut, capture.train.length)];
     const gains = exposureGains(train, own, distance, settings.exposure);

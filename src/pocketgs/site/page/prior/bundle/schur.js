@@ -1,6 +1,6 @@
 /**
  * Normal equations of a bundle adjustment, with the points eliminated by the Schur complement; the twin of
- * `prior/bundle/cpu/schur.py`, which says what the equations are.
+ * `prior/bundle/cpu/equations.py`, which says what the equations are.
  *
  * @module
  */

@@ -48,17 +48,15 @@ export function readIn(camera, { order, signs, isInverted }) {
  * @param {import("../features/finder.js").Features[]} features of their views
  * @param {import("../features/tracks.js").Matches[]} matches verified without poses
  * @param {Object} settings the settings' `poses`
+ * @returns {number} the share of the matches that fit the poses; 1 if there are too few for a conclusion
  * @throws {MisreadPoses | Error} they fit in no convention
  */
 export function checkConvention(cameras, features, matches, settings) {
     const { doubtful, clear, contradicted, min_matches: fewest } = settings.convention;
-    const seen = matches.map((some) => ({ ...some, pixels: positionsOf(features, some) }));
-    const found = seen.reduce((sum, { pixels: [here] }) => sum + here.length / 2, 0);
-    const tolerance = widestTolerance(cameras, settings);
-    const shareOf = (read) => seen.reduce((sum, one) => sum + fitting(read, one, tolerance), 0) / found;
+    const { found, shareOf } = fits(cameras, features, matches, settings);
     const share = found < fewest ? 1 : shareOf(cameras);
     if (share >= doubtful) {
-        return;
+        return share;
     }
     const others = conventions().map((one) => [one, shareOf(cameras.map((camera) => readIn(camera, one)))]);
     const [best, most] = others.reduce((best, one) => (one[1] > best[1] ? one : best));
@@ -66,12 +64,45 @@ export function checkConvention(cameras, features, matches, settings) {
         throw new MisreadPoses(best);
     }
     if (share < contradicted) {
-        const part = `${Math.round(100 * (1 - share))} % of ${found} matches`;
-        throw new Error(
-            `The photographs match each other, but ${part} contradict the capture's poses: are poses and focal ` +
-                "lengths those of these photographs? Expected poses that fit them",
-        );
+        throw contradiction(share, found);
     }
+    return share;
+}
+
+/**
+ * Check that poses which most matches contradicted fit them once they are adjusted.
+ *
+ * @param {number} share of the matches that fitted the given poses, from `checkConvention`
+ * @param {Camera[]} cameras adjusted
+ * @param {import("../features/finder.js").Features[]} features of their views
+ * @param {import("../features/tracks.js").Matches[]} matches of the views whose poses are used
+ * @param {Object} settings the settings' `poses`
+ * @throws {Error} they do not fit
+ */
+export function checkAdjusted(share, cameras, features, matches, settings) {
+    if (share < settings.convention.mostly) {
+        const { found, shareOf } = fits(cameras, features, matches, settings);
+        if (shareOf(cameras) < settings.convention.doubtful) {
+            throw contradiction(share, found);
+        }
+    }
+}
+
+/** The number of matches, and a function that gives the share of them that fits some cameras. */
+function fits(cameras, features, matches, settings) {
+    const seen = matches.map((some) => ({ ...some, pixels: positionsOf(features, some) }));
+    const found = seen.reduce((sum, { pixels: [here] }) => sum + here.length / 2, 0);
+    const tolerance = widestTolerance(cameras, settings);
+    const shareOf = (read) => seen.reduce((sum, one) => sum + fitting(read, one, tolerance), 0) / found;
+    return { found, shareOf };
+}
+
+function contradiction(share, matches) {
+    const part = `${Math.round(100 * (1 - share))} % of ${matches} matches`;
+    return new Error(
+        `The photographs match each other, but ${part} contradict the capture's poses: are poses and focal ` +
+            "lengths those of these photographs? Expected poses that fit them",
+    );
 }
 
 /** All conventions but the stated one: 24 ways to name the axes, each as it is and inverted. */
@@ -101,13 +132,13 @@ function fitting(cameras, { first, second, pixels: [here, there] }, tolerance) {
     let count = 0;
     for (let i = 0; i < here.length; i += 2) {
         const left = sightingOf(one, centre, here[i], here[i + 1]);
-        count += fits(left, sightingOf(other, away, there[i], there[i + 1]), tolerance);
+        count += isSeenByBoth(left, sightingOf(other, away, there[i], there[i + 1]), tolerance);
     }
     return count;
 }
 
 /** Whether some point in front of both cameras, or at infinity, is near both sightings. */
-function fits(one, other, tolerance) {
+function isSeenByBoth(one, other, tolerance) {
     const atInfinity = other.centre.map((value, i) => value + one.ray[i]);
     if (errorOf(other, atInfinity) < tolerance) {
         return true;

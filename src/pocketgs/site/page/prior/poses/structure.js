@@ -13,7 +13,7 @@ import { choosePairs } from "../features/pairs.js";
 import { link, reprojectionErrors, triangulate, triangulationAngles } from "../features/tracks.js";
 import { matchViews } from "../features/two_view.js";
 import { consensus } from "./consensus.js";
-import { checkConvention } from "./convention.js";
+import { checkAdjusted, checkConvention } from "./convention.js";
 import { normalised, subtract } from "../../../page/scene/vectors.js";
 import { refine } from "./refinement.js";
 import { Relocalisation } from "./relocalisation.js";
@@ -35,7 +35,7 @@ import { measuredTolerance, widestTolerance } from "./tolerance.js";
  *
  * @typedef {Object} Contradicted
  * @property {boolean[]} replaced for each camera whether its given pose was wrong and it was relocalised
- * @property {boolean[]} doubtful for each camera whether the others contradict its pose and it could not be relocalised
+ * @property {boolean[]} unplaced for each camera whether the others contradict its pose and it could not be relocalised
  */
 
 /**
@@ -65,15 +65,18 @@ export async function buildStructure(frames, scale, settings, finder, onStage) {
         });
     };
     const matches = await matching("matching pair")(given, pairs);
-    checkConvention(given, features, matches, settings.poses);
+    const share = checkConvention(given, features, matches, settings.poses);
     const finest = settings.poses.finest * medianOf(features.map(({ grain }) => grain));
     const matchAnew = matching("placing photographs anew, pair");
     const placed = await placedAnew({ given, features, matches, alike, finest }, scale, settings, matchAnew);
     await onStage("adjusting poses", 1);
-    const { cameras, wrong: doubtful } = placed;
-    const sound = placed.matches.filter(({ first, second }) => !doubtful[first] && !doubtful[second]);
+    const { cameras, wrong: unplaced } = placed;
+    const sound = placed.matches.filter(({ first, second }) => !unplaced[first] && !unplaced[second]);
     const structure = structureOf(cameras, frames, link(features, sound).tracks, scale, finest, settings.poses);
-    return structure && { ...structure, replaced: cameras.map((camera, i) => camera !== given[i]), doubtful };
+    if (structure) {
+        checkAdjusted(share, structure.cameras, features, sound, settings.poses);
+    }
+    return structure && { ...structure, replaced: cameras.map((camera, i) => camera !== given[i]), unplaced };
 }
 
 /** Cameras, with wrong ones relocalised where possible; all matches; and which cameras remain wrong. */

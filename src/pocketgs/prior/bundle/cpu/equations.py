@@ -11,7 +11,7 @@ from numba import prange
 from pocketgs.prior.bundle.equations import CameraEquations
 from pocketgs.prior.bundle.reprojection import CAMERA_UNKNOWNS, COLUMNS, Estimate, Sightings, linearise, weigh
 from pocketgs.system.compile import kernel, parallel_kernel, part
-from pocketgs.system.device_name import DeviceName
+from pocketgs.system.device import DeviceName
 
 MAX_SHARES = 16
 """Maximum number of parts that the points are split into, which are summed in parallel."""
@@ -67,8 +67,8 @@ class CpuEquations:
         return steps, 0.5 * float(np.sum(steps * (self._points.damping * steps + self._points.gradients)))
 
 
-class CpuAdjuster:
-    """See `pocketgs.prior.bundle.equations.Adjuster`."""
+class CpuLinearizer:
+    """See `pocketgs.prior.bundle.equations.Linearizer`."""
 
     name: DeviceName = "cpu"
 
