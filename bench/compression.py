@@ -43,7 +43,8 @@ from pocketgs.scene.gaussians import Gaussians
 from pocketgs.sort_free.distil import DistilOptions, distil
 from pocketgs.sort_free.drawing import drawing_of
 from pocketgs.sort_free.file import read_sort_free, write_sort_free
-from pocketgs.splat.engine import EngineOptions, Renderer, chosen_engine, create_engine
+from pocketgs.splat.choose_engine import chosen_engine, create_engine
+from pocketgs.splat.engine import EngineOptions, Renderer
 from pocketgs.splat.rasterizer import Rasterizer
 
 Way = Literal[

@@ -25,7 +25,7 @@ from pocketgs.prior.prior import PreparedCapture
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.scene.morton import morton_order
 from pocketgs.seeding.seeds import SEEDINGS
-from pocketgs.splat.engine import create_engine
+from pocketgs.splat.choose_engine import create_engine
 from pocketgs.splat.rendering import render_frame
 from pocketgs.system.stopwatch import Stopwatch
 from pocketgs.torch import install_as_gsplat

@@ -11,6 +11,7 @@ from numba import njit
 
 from pocketgs.geometry.camera import Camera
 from pocketgs.splat.constants import ALPHA_MAX, TRANSMITTANCE_MIN
+from pocketgs.splat.cpu.bin import TileLists
 from pocketgs.splat.cpu.engine import CpuEngine
 from pocketgs.splat.cpu.layout import (
     INTERSECTION_ROWS,
@@ -22,6 +23,7 @@ from pocketgs.splat.cpu.layout import (
     tiles_down,
 )
 from pocketgs.splat.cpu.lenses.lens import kernel_lens
+from pocketgs.splat.cpu.tile_image import TileImage
 
 
 def count_pairs(engine: CpuEngine, camera: Camera) -> tuple[int, int]:
@@ -38,31 +40,24 @@ def list_pairs(engine: CpuEngine, camera: Camera) -> np.ndarray:
     return places
 
 
-def _drawn(engine: CpuEngine, camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, int, int]:
-    """Results of the engine's forward pass: splats, tile lists, where each tile ended, and the image size."""
+def _drawn(engine: CpuEngine, camera: Camera) -> tuple[np.ndarray, TileLists, TileImage]:
+    """Results of the engine's forward pass: splats, tile lists and the image."""
     forward = engine._forward(View.of(camera), kernel_lens(camera), np.zeros(3, np.float32))
-    lists = forward.lists
-    return engine._splats, lists.intersections, lists.ranges, forward.canvas.drawn_ends, camera.width, camera.height
+    return engine._buffers.splats, forward.lists, forward.canvas.drawn
 
 
 @njit
-def _walk(
-    splats: np.ndarray,
-    intersections: np.ndarray,
-    ranges: np.ndarray,
-    ends: np.ndarray,
-    width: int,
-    height: int,
-    places: np.ndarray,
-) -> tuple[int, int]:
+def _walk(splats: np.ndarray, lists: TileLists, drawn: TileImage, places: np.ndarray) -> tuple[int, int]:
     """Number of visited and contributing pairs; writes the first of the latter to `places`, as many as it holds."""
+    height, width = drawn.transmittance.shape
     visited, contributing = 0, 0
     transmittance = np.empty((TILE_HEIGHT, TILE_WIDTH))
-    for tile in range(len(ends)):
+    for tile in range(len(drawn.drawn_ends)):
         left, top = tile // tiles_down(height) * TILE_WIDTH, tile % tiles_down(height) * TILE_HEIGHT
         transmittance[:] = 1.0
-        for index in range(ranges[tile], ends[tile]):
-            splat, rows = intersections[index, INTERSECTION_SPLAT], intersections[index, INTERSECTION_ROWS]
+        for index in range(lists.ranges[tile], drawn.drawn_ends[tile]):
+            intersection = lists.intersections[index]
+            splat, rows = intersection[INTERSECTION_SPLAT], intersection[INTERSECTION_ROWS]
             x, y, xx, xy, yy, log2_opacity = splats[splat][:6]
             for row in range((rows >> 8) // 2 * 2, ((rows & 255) + 1) // 2 * 2):
                 for column in range(TILE_WIDTH):

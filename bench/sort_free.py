@@ -32,7 +32,8 @@ from pocketgs.sort_free.drawing import drawing_of
 from pocketgs.sort_free.file import read_sort_free
 from pocketgs.sort_free.renderer import SortFreeRenderer
 from pocketgs.sort_free.scene import SortFreeScene, sort_free
-from pocketgs.splat.engine import EngineOptions, create_engine
+from pocketgs.splat.choose_engine import create_engine
+from pocketgs.splat.engine import EngineOptions
 from pocketgs.splat.rasterizer import Rasterizer
 
 Draw = Callable[[Camera], np.ndarray]

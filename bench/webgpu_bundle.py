@@ -20,7 +20,7 @@ from pocketgs.geometry.camera import Camera, look_at
 from pocketgs.gpu.adapters import choose_adapter
 from pocketgs.gpu.device import shared_device
 from pocketgs.gpu.executor import Executor
-from pocketgs.prior.bundle.cpu.schur import CpuEquations
+from pocketgs.prior.bundle.cpu.equations import CpuEquations
 from pocketgs.prior.bundle.equations import NormalEquations
 from pocketgs.prior.bundle.problem import by_point, first_estimate
 from pocketgs.prior.bundle.reprojection import Estimate, Sightings

@@ -25,7 +25,7 @@ from pocketgs.gpu.adapters import choose_adapter
 from pocketgs.gpu.device import shared_device
 from pocketgs.prior.cloud.fuse import views_of
 from pocketgs.prior.depth.confidence import confidence_map
-from pocketgs.prior.depth.consistency import Agreement, Views
+from pocketgs.prior.depth.consistency import Agreement, SweptViews
 from pocketgs.prior.depth.cpu.consistency import compare_depths
 from pocketgs.prior.depth.cpu.matching_cost import matching_costs
 from pocketgs.prior.depth.cpu.semi_global import EIGHT_PATHS, FOUR_PATHS, aggregate, winners
@@ -160,7 +160,7 @@ def sweep_in_passes(frames: Sequence[Frame], search: DepthRange, settings: Sweep
     times.measure("smooth", lambda: smoothed(depth, step_of(inverse_depths)))
 
 
-def exact_views(frames: Sequence[Frame]) -> Views:
+def exact_views(frames: Sequence[Frame]) -> SweptViews:
     """The true depth maps of the frames."""
     maps = [DepthMap(frame.depth, np.ones(frame.depth.shape), 1e-3) for frame in frames if frame.depth is not None]
     return views_of(frames, maps)

@@ -15,7 +15,8 @@ from pocketgs.gpu import adapters as adapters_module
 from pocketgs.gpu.adapters import NEEDED, Adapter, adapters, choose_adapter, has_gpu
 from pocketgs.gpu.device import forget_device, open_device, shared_device
 from pocketgs.scene.gaussians import Gaussians
-from pocketgs.splat.engine import EngineName, EngineOptions, chosen_engine, create_engine
+from pocketgs.splat.choose_engine import chosen_engine, create_engine
+from pocketgs.splat.engine import EngineName, EngineOptions
 from pocketgs.splat.webgpu.engine import WebGpuEngine
 from splat.training_step import camera_in_front
 

@@ -26,7 +26,8 @@ from pocketgs.sort_free.file import is_sort_free, read_sort_free, write_sort_fre
 from pocketgs.sort_free.forms import FORMS, FormName
 from pocketgs.sort_free.renderer import SortFreeRenderer
 from pocketgs.sort_free.scene import SortFreeScene, sort_free
-from pocketgs.splat.engine import EngineOptions, create_engine
+from pocketgs.splat.choose_engine import create_engine
+from pocketgs.splat.engine import EngineOptions
 from pocketgs.splat.rasterizer import Rasterizer
 from pocketgs.splat.rendering import render
 from pocketgs.training.train import train
@@ -70,8 +71,8 @@ def test_training_improves_every_form(small_capture: Capture, teacher: Gaussians
 def test_what_is_seen_is_a_good_start(small_capture: Capture, teacher: Gaussians) -> None:
     """Better than equal weights, where distances do not count."""
     scene = distil(teacher, small_capture, DistilOptions(iterations=0, view_degree=1)).scene
-    fitted = replace(scene, numbers=np.log([1e-6]))
-    flat = replace(fitted, views=np.zeros_like(fitted.views))
+    fitted = replace(scene, log_shared=np.log([1e-6]))
+    flat = replace(fitted, visibility_sh=np.zeros_like(fitted.visibility_sh))
     frame = small_capture.train[0]
     wanted = render(teacher, frame.camera, small_capture.background, engine=CPU).image
     errors = [
@@ -86,8 +87,8 @@ def test_it_gives_the_same_bits_on_any_number_of_threads(small_capture: Capture,
     one, other = (distil(teacher, small_capture, replace(options, threads=n)).scene for n in (1, 2))
     for name in ("means", "log_scales", "quaternions", "opacity_logits", "sh"):
         assert getattr(one.gaussians, name).tobytes() == getattr(other.gaussians, name).tobytes(), name
-    assert one.views.tobytes() == other.views.tobytes()
-    assert one.numbers.tobytes() == other.numbers.tobytes()
+    assert one.visibility_sh.tobytes() == other.visibility_sh.tobytes()
+    assert one.log_shared.tobytes() == other.log_shared.tobytes()
 
 
 @pytest.mark.parametrize("form", ["visibility", "lc"])
@@ -115,14 +116,14 @@ def test_ctrl_c_keeps_what_there_is(small_capture: Capture, teacher: Gaussians) 
 @pytest.mark.parametrize("form", FORMS)
 def test_files_hold_everything(tmp_path: Path, teacher: Gaussians, form: str) -> None:
     scene = sort_free(teacher, form, 3.7, view_degree=2)
-    scene.views[:] = np.random.default_rng(0).normal(size=scene.views.shape)
+    scene.visibility_sh[:] = np.random.default_rng(0).normal(size=scene.visibility_sh.shape)
     write_sort_free(tmp_path / "scene.ply", scene)
     assert is_sort_free(tmp_path / "scene.ply")
     found = read_sort_free(tmp_path / "scene.ply")
-    assert found.views.tobytes() == scene.views.tobytes()
+    assert found.visibility_sh.tobytes() == scene.visibility_sh.tobytes()
     assert found.gaussians.sh.tobytes() == scene.gaussians.sh.tobytes()
     assert (found.form.name, found.unit) == (form, 3.7)
-    np.testing.assert_allclose(found.numbers, scene.numbers, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(found.log_shared, scene.log_shared, rtol=0, atol=1e-15)
 
 
 @pytest.mark.parametrize("name", ["teacher_weight", "depth_weight"])
@@ -140,9 +141,9 @@ def test_files_hold_whatever_was_learned(
     scene.unit = np.float64(3.7)
     write_sort_free(tmp_path / "scene.ply", scene)
     found = read_sort_free(tmp_path / "scene.ply")
-    np.testing.assert_allclose(found.numbers, scene.numbers, atol=1e-12)
-    assert np.abs(found.numbers).max() > 19.0
-    scene.numbers[0] = 21.0
+    np.testing.assert_allclose(found.log_shared, scene.log_shared, atol=1e-12)
+    assert np.abs(found.log_shared).max() > 19.0
+    scene.log_shared[0] = 21.0
     with pytest.raises(PocketGSError, match="expected such that float32 can hold"):
         write_sort_free(tmp_path / "other.ply", scene)
     assert not (tmp_path / "other.ply").exists()

@@ -37,14 +37,18 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def with_weights(gaussians: Gaussians, form: str, degree: int = 2, seed: int = 0) -> SortFreeScene:
     scene, rng = sort_free(gaussians, form, 3.7, degree), np.random.default_rng(seed)
-    views = scene.views + rng.normal(0.0, 3.0, scene.views.shape)
-    return replace(scene, numbers=scene.numbers + rng.normal(size=scene.numbers.shape), views=views.astype(np.float32))
+    visibility_sh = scene.visibility_sh + rng.normal(0.0, 3.0, scene.visibility_sh.shape)
+    return replace(
+        scene,
+        log_shared=scene.log_shared + rng.normal(size=scene.log_shared.shape),
+        visibility_sh=visibility_sh.astype(np.float32),
+    )
 
 
 def rows_of(scene: SortFreeScene) -> np.ndarray:
     """All numbers of the Gaussians, in an order that does not depend on theirs."""
     parts = [getattr(scene.gaussians, name).reshape(len(scene), -1) for name in PARAMETERS]
-    rows = np.concatenate([*parts, scene.views], axis=1)
+    rows = np.concatenate([*parts, scene.visibility_sh], axis=1)
     return rows[np.lexsort(rows.T)]
 
 
@@ -61,14 +65,16 @@ def test_a_pgs_holds_what_was_rounded(
 ) -> None:
     scene, path = with_weights(gaussians, form, degree, seed), folder / "scene.pgs"
     step = float(np.float32(STEPS[detail]))
-    once = replace(scene, gaussians=rounded(gaussians, CODINGS[detail]), views=on_grid(scene.views, step))
+    once = replace(
+        scene, gaussians=rounded(gaussians, CODINGS[detail]), visibility_sh=on_grid(scene.visibility_sh, step)
+    )
     for given_, expected in ((scene, once), (once, once)):
         write_sort_free(path, given_, detail)
         assert is_sort_free(path)
         found = read_sort_free(path)
         assert rows_of(found).tobytes() == rows_of(expected).tobytes()
-        assert (found.form.name, found.unit, found.numbers.tobytes()) == (form, 3.7, scene.numbers.tobytes())
-    assert np.abs(once.views - scene.views).max(initial=0.0) <= step / 2 + 1e-5
+        assert (found.form.name, found.unit, found.log_shared.tobytes()) == (form, 3.7, scene.log_shared.tobytes())
+    assert np.abs(once.visibility_sh - scene.visibility_sh).max(initial=0.0) <= step / 2 + 1e-5
 
 
 def test_readers_of_sorted_scenes_refuse_it(folder: Path) -> None:
@@ -141,10 +147,12 @@ def test_weights_turn_with_the_scene() -> None:
     found = edited(scene, lambda gaussians: rotated(gaussians, turn).select(np.arange(5, 40)), 2.0)
     assert (len(found), found.unit) == (35, 7.4)
     # Of degree 1, the coefficients of -y, z and -x turn as a vector does.
-    x, y = -scene.views[5:, 3], -scene.views[5:, 1]
-    np.testing.assert_allclose(found.views[:, [1, 2, 3]], np.stack([-x, scene.views[5:, 2], y], axis=1), atol=1e-5)
-    np.testing.assert_allclose(found.views[:, 0], scene.views[5:, 0], atol=1e-6)
-    assert edited(with_weights(random_scene(9, 0), "direct"), lambda gaussians: gaussians).views.shape == (9, 0)
+    x, y = -scene.visibility_sh[5:, 3], -scene.visibility_sh[5:, 1]
+    np.testing.assert_allclose(
+        found.visibility_sh[:, [1, 2, 3]], np.stack([-x, scene.visibility_sh[5:, 2], y], axis=1), atol=1e-5
+    )
+    np.testing.assert_allclose(found.visibility_sh[:, 0], scene.visibility_sh[5:, 0], atol=1e-6)
+    assert edited(with_weights(random_scene(9, 0), "direct"), lambda gaussians: gaussians).visibility_sh.shape == (9, 0)
 
 
 def test_the_commands(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -39,7 +39,9 @@ def shared(engine: Any) -> SortFreeRenderer:
 def weighted_scene(gaussians: Gaussians, form: str, seed: int = 0) -> SortFreeScene:
     scene = sort_free(gaussians, form, 3.0)
     rng = np.random.default_rng(seed)
-    return replace(scene, views=(scene.views + rng.normal(0.0, 0.3, scene.views.shape)).astype(np.float32))
+    return replace(
+        scene, visibility_sh=(scene.visibility_sh + rng.normal(0.0, 0.3, scene.visibility_sh.shape)).astype(np.float32)
+    )
 
 
 def drawn(engine: str, scene: SortFreeScene, camera: Camera) -> SortFreeImage:
@@ -53,12 +55,14 @@ def weights_of(image: SortFreeImage) -> dict[str, np.ndarray]:
 
 
 def in_float64(scene: SortFreeScene) -> SortFreeScene:
-    return replace(scene, gaussians=Scene.of(scene.gaussians), views=scene.views.astype(np.float64))  # type: ignore[arg-type]
+    return replace(scene, gaussians=Scene.of(scene.gaussians), visibility_sh=scene.visibility_sh.astype(np.float64))  # type: ignore[arg-type]
 
 
 def copied(scene: SortFreeScene) -> SortFreeScene:
     gaussians = Scene(*(getattr(scene.gaussians, name).copy() for name in PARAMETERS))
-    return replace(scene, gaussians=gaussians, numbers=scene.numbers.copy(), views=scene.views.copy())  # type: ignore[arg-type]
+    return replace(
+        scene, gaussians=gaussians, log_shared=scene.log_shared.copy(), visibility_sh=scene.visibility_sh.copy()
+    )  # type: ignore[arg-type]
 
 
 @every_form
@@ -73,14 +77,14 @@ def test_gradients(camera: Camera, make_gaussians: MakeGaussians, form: str) -> 
         return float(sum(np.sum(getattr(seen, name) * weight) for name, weight in weights.items()))
 
     analytic = {name: getattr(gradient.gaussians, name) for name in ("means", "log_scales", "opacity_logits", "sh")}
-    analytic |= {"numbers": gradient.numbers, "views": gradient.views}
+    analytic |= {"log_shared": gradient.log_shared, "visibility_sh": gradient.visibility_sh}
     for name, found in analytic.items():
         indices = list(np.ndindex(found.shape))
         for pick in np.random.default_rng(9).permutation(len(indices))[:5]:
             values = []
             for step in (1e-6, -1e-6):
                 moved = copied(scene)
-                owner: Any = moved if name in ("numbers", "views") else moved.gaussians
+                owner: Any = moved if name in ("log_shared", "visibility_sh") else moved.gaussians
                 getattr(owner, name)[indices[pick]] += step
                 values.append(loss(moved))
             expected = (values[0] - values[1]) / 2e-6
@@ -104,7 +108,7 @@ def test_engines_agree_with_the_reference(
     for name in ("means", "log_scales", "rotations", "opacity_logits", "sh"):
         one, other = getattr(d_found.gaussians, name), getattr(d_expected.gaussians, name)
         assert np.quantile(np.abs(one - other), 0.98) < 1e-2 * np.abs(other).max(), name
-    np.testing.assert_allclose(d_found.numbers, d_expected.numbers, rtol=1e-2, atol=1e-3)
+    np.testing.assert_allclose(d_found.log_shared, d_expected.log_shared, rtol=1e-2, atol=1e-3)
 
 
 @every_form
@@ -115,7 +119,7 @@ def test_fused_passes_draw_what_the_reference_draws(
     scene = weighted_scene(make_gaussians(count=300, sh_degree=1), form)
     expected = drawn("reference", in_float64(scene), camera)
     backwards = np.arange(300)[::-1]
-    other = replace(scene, gaussians=scene.gaussians.select(backwards), views=scene.views[backwards])
+    other = replace(scene, gaussians=scene.gaussians.select(backwards), visibility_sh=scene.visibility_sh[backwards])
     with_depth = form == "visibility"
     first = drawing_of(scene, GPU).render(camera, BACKGROUND, depth=with_depth)
     second = drawing_of(other, GPU).render(camera, BACKGROUND)
@@ -138,7 +142,7 @@ def test_fused_passes_keep_to_the_bounds_of_weights(
     scene.gaussians.log_scales[0] = 1.0
     scene.gaussians.means[1] = camera.centre
     scene.gaussians.means[2], scene.gaussians.sh[3] = np.nan, np.inf
-    scene.views[4], scene.views[5], scene.views[6] = 1e6, -1e6, np.nan
+    scene.visibility_sh[4], scene.visibility_sh[5], scene.visibility_sh[6] = 1e6, -1e6, np.nan
     image = drawing_of(scene, GPU).render(camera, BACKGROUND).image
     assert np.mean(np.abs(image - drawn("cpu", scene, camera).rgb) > 2e-3) < 0.01
     everything_behind = replace(scene, gaussians=replace(scene.gaussians, means=scene.gaussians.means * 0 + 1e3))
@@ -203,7 +207,7 @@ def test_names_of_weights_in_the_shaders_are_those_of_forms() -> None:
 def test_no_order_matters(camera: Camera, make_gaussians: MakeGaussians) -> None:
     scene = weighted_scene(make_gaussians(count=300, sh_degree=1), "visibility")
     shuffle = np.random.default_rng(0).permutation(300)
-    other = replace(scene, gaussians=scene.gaussians.select(shuffle), views=scene.views[shuffle])
+    other = replace(scene, gaussians=scene.gaussians.select(shuffle), visibility_sh=scene.visibility_sh[shuffle])
     one, two = (drawn("cpu", each, camera) for each in (scene, other))
     np.testing.assert_allclose(one.rgb, two.rgb, atol=1e-5)
 
@@ -228,31 +232,31 @@ def test_weights_past_all_bounds_leave_images_and_gradients_finite(
     scene.gaussians.log_scales[0] = 1.0
     scene.gaussians.means[1] = camera.centre
     scene.gaussians.means[2], scene.gaussians.sh[3] = np.nan, np.inf
-    if scene.views.size:
-        scene.views[4], scene.views[5] = 1e6, -1e6
+    if scene.visibility_sh.size:
+        scene.visibility_sh[4], scene.visibility_sh[5] = 1e6, -1e6
     image = drawn("cpu", scene, camera)
     gradient = shared("cpu").backward(image, **weights_of(image))
     assert np.isfinite(image.rgb).all()
     drawn_rows = np.setdiff1d(np.arange(40), [2, 3])
     for name in ("means", "log_scales", "opacity_logits", "sh"):
         assert np.isfinite(getattr(gradient.gaussians, name)[drawn_rows]).all(), name
-    assert np.isfinite(gradient.numbers).all()
-    assert np.isfinite(gradient.views).all()
+    assert np.isfinite(gradient.log_shared).all()
+    assert np.isfinite(gradient.visibility_sh).all()
 
 
 def test_a_floater_beside_the_image_changes_nothing(camera: Camera, make_gaussians: MakeGaussians) -> None:
-    scene = replace(weighted_scene(make_gaussians(count=40, sh_degree=1), "visibility"), numbers=np.log([30.0]))
+    scene = replace(weighted_scene(make_gaussians(count=40, sh_degree=1), "visibility"), log_shared=np.log([30.0]))
     scene.gaussians.log_scales[0] = -6.0
     beside = 0.1 * camera.forward + 0.4 * camera.world_to_camera[0, :3]
-    images, views = [], []
+    images, gradients = [], []
     for place in (camera.centre - camera.forward, camera.centre + beside):
         scene.gaussians.means[0] = place
         image = shared("cpu").forward(scene, camera, BACKGROUND, near=0.01)
         images.append(image.rgb)
-        views.append(shared("cpu").backward(image, rgb=np.ones_like(image.rgb)).views)
+        gradients.append(shared("cpu").backward(image, rgb=np.ones_like(image.rgb)).visibility_sh)
     np.testing.assert_allclose(images[0], images[1], atol=1e-6)
-    np.testing.assert_allclose(views[0], views[1], atol=1e-4)
-    assert np.abs(views[1]).max() > 0.1
+    np.testing.assert_allclose(gradients[0], gradients[1], atol=1e-4)
+    assert np.abs(gradients[1]).max() > 0.1
 
 
 def test_cutting_an_exponent_changes_nothing_that_float32_can_show(
@@ -272,4 +276,4 @@ def test_mistakes_are_named(make_gaussians: MakeGaussians) -> None:
         sort_free(make_gaussians(count=3), "sorted", 1.0)
     scene = sort_free(make_gaussians(count=3), "lc", 1.0)
     with pytest.raises(PocketGSError, match=r"views of shape \(3, 2\)"):
-        replace(scene, views=np.zeros((3, 2), np.float32))
+        replace(scene, visibility_sh=np.zeros((3, 2), np.float32))

@@ -23,7 +23,7 @@ def test_fitting_a_few_gaussians_at_a_time_gives_the_same_bits(
     sorted_, summed = Rasterizer("cpu"), Rasterizer("cpu", compositor="sum")
 
     def fitted() -> np.ndarray:
-        return visibility.fitted_views(make_gaussians(count=40), [camera, other], 2, sorted_, summed)
+        return visibility.fitted_visibility(make_gaussians(count=40), [camera, other], 2, sorted_, summed)
 
     at_once = fitted()
     monkeypatch.setattr(visibility, "BLOCK", 7)

@@ -13,6 +13,7 @@ from pocketgs.capture.capture import Frame
 from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera
 from pocketgs.scene.gaussians import PARAMETERS, Gaussians
+from pocketgs.splat.choose_engine import create_engine
 from pocketgs.splat.cpu.adam import adam
 from pocketgs.splat.cpu.bin import with_slack
 from pocketgs.splat.cpu.dssim import dssim
@@ -33,7 +34,7 @@ from pocketgs.splat.cpu.project_backward import project_backward
 from pocketgs.splat.cpu.rasterize import rasterize
 from pocketgs.splat.cpu.rasterize_backward import rasterize_backward
 from pocketgs.splat.cpu.sort import sort_by_depth
-from pocketgs.splat.engine import EngineOptions, create_engine
+from pocketgs.splat.engine import EngineOptions
 from pocketgs.splat.settings import LearningRates, LossSettings, StepSettings
 from pocketgs.splat.timing import PassTimer
 from splat.training_step import (
@@ -152,7 +153,7 @@ def test_tile_lists_hold_every_pixel_that_a_splat_colours(seed: int, width: int,
     listed = np.zeros((count, height, width), bool)
     for tile in range(view.tiles):
         intersections = raster.lists.intersections[raster.lists.ranges[tile] : raster.lists.ranges[tile + 1]]
-        depths = engine._splats[intersections[:, INTERSECTION_SPLAT], DEPTH]
+        depths = engine._buffers.splats[intersections[:, INTERSECTION_SPLAT], DEPTH]
         assert np.all(np.diff(depths) >= 0)
         left = tile // tiles_down(height) * TILE_WIDTH
         top = tile % tiles_down(height) * TILE_HEIGHT
@@ -162,7 +163,7 @@ def test_tile_lists_hold_every_pixel_that_a_splat_colours(seed: int, width: int,
             listed[intersection[INTERSECTION_SPLAT], top + first : top + end, left : left + TILE_WIDTH] = True
     x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
     for i in raster.order:
-        splat = engine._splats[i].astype(np.float64)
+        splat = engine._buffers.splats[i].astype(np.float64)
         dx, dy = x - splat[0], y - splat[1]
         log2_alpha = splat[5] + splat[2] * dx * dx + splat[3] * dx * dy + splat[4] * dy * dy
         assert not np.any((log2_alpha > np.log2(1 / 255) + 1e-3) & ~listed[i])

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from pocketgs import Gaussians, PocketGSError
-from pocketgs.splat.engine import Engine, EngineOptions, create_engine
+from pocketgs.splat.choose_engine import create_engine
+from pocketgs.splat.engine import Engine, EngineOptions
 from pocketgs.splat.settings import LossSettings, StepSettings
 from splat.training_step import BACKGROUND, RATES, begin, camera_in_front, photograph
 

@@ -14,10 +14,11 @@ from pocketgs import Rasterizer
 from pocketgs.geometry.camera import Camera, look_at
 from pocketgs.geometry.lens import Lens, largest_angle, least_radii
 from pocketgs.scene.gaussians import PARAMETERS, Gaussians
+from pocketgs.splat.choose_engine import create_engine
 from pocketgs.splat.cpu.clusters import Clusters
 from pocketgs.splat.cpu.layout import CLUSTER, View
 from pocketgs.splat.cpu.lenses.lens import kernel_lens
-from pocketgs.splat.engine import EngineName, EngineOptions, create_engine
+from pocketgs.splat.engine import EngineName, EngineOptions
 from pocketgs.splat.lens_bounds import least_radius_per_radian, stretch
 from pocketgs.splat.near_plane import near_plane
 from pocketgs.splat.rasterizer import Raster, RasterGradient

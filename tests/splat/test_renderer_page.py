@@ -14,7 +14,7 @@ import pocketgs
 from documentation import ROOT
 from pocketgs import Capture, Gaussians, PocketGSError, photometric_loss
 from pocketgs.results.held_out import evaluate_held_out
-from pocketgs.splat.engine import create_engine
+from pocketgs.splat.choose_engine import create_engine
 from pocketgs.splat.reference.loss import photometric_loss as reference_loss
 from pocketgs.splat.settings import LossSettings
 

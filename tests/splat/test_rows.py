@@ -13,11 +13,12 @@ from hypothesis import strategies as st
 from pocketgs import Camera, Gaussians, PocketGSError
 from pocketgs.geometry.quaternions import rotation_matrices
 from pocketgs.scene.gaussians import PARAMETERS
+from pocketgs.splat.choose_engine import create_engine
 from pocketgs.splat.cpu.adam import regularise
 from pocketgs.splat.cpu.engine import CpuEngine
 from pocketgs.splat.cpu.layout import SceneArrays
 from pocketgs.splat.cpu.noise import add_noise
-from pocketgs.splat.engine import EngineOptions, OptimiserState, create_engine
+from pocketgs.splat.engine import EngineOptions, OptimiserState
 from pocketgs.splat.parameters import COEFFICIENTS, GROUPS, Group, ParameterLayout, first_column
 from pocketgs.splat.reference.loss import photometric_loss
 from pocketgs.splat.reference.project import project

@@ -14,7 +14,7 @@ from pocketgs.scene.spherical_harmonics import basis
 from pocketgs.sort_free.scene import SortFreeScene
 from pocketgs.splat.constants import ALPHA_MIN, BRIGHTEST
 
-LEAST_VIEW = -1e30
+LEAST_VISIBILITY = -1e30
 """v of Gaussians that are not drawn."""
 
 LEAST_LOGIT = float(np.log(ALPHA_MIN / (1.0 - ALPHA_MIN)))
@@ -31,7 +31,7 @@ class Appearance:
         lengths: (N,) distances from the camera, in scene units.
         depths: (N,).
         colours: (N, 3), cut to 0 where negative; 0 if not drawn.
-        views: (N,) v; `LEAST_VIEW` if not drawn.
+        visibility: (N,) v; `LEAST_VISIBILITY` if not drawn.
         sizes: (N,) largest scales, in the scene's unit; 0 if not drawn.
     """
 
@@ -40,7 +40,7 @@ class Appearance:
     lengths: np.ndarray
     depths: np.ndarray
     colours: np.ndarray
-    views: np.ndarray
+    visibility: np.ndarray
     sizes: np.ndarray
 
 
@@ -52,11 +52,11 @@ def appearance_of(scene: SortFreeScene, camera: Camera, near: float) -> Appearan
         depths = camera.depths(parameters.means).astype(kind)
         drawn = np.isfinite(parameters.means).all(axis=1) & (depths >= near)
         directions, lengths = directions_to(scene, camera, drawn)
-        harmonics = basis(directions, max(parameters.sh.shape[1], scene.views.shape[1]))
+        harmonics = basis(directions, max(parameters.sh.shape[1], scene.visibility_sh.shape[1]))
         colours = 0.5 + np.einsum("nk,nkc->nc", harmonics[:, : parameters.sh.shape[1]], parameters.sh)
-        views = np.einsum("nk,nk->n", harmonics[:, : scene.views.shape[1]], scene.views)
+        visibility = np.einsum("nk,nk->n", harmonics[:, : scene.visibility_sh.shape[1]], scene.visibility_sh)
         sizes = np.exp(parameters.log_scales.max(axis=1)) / scene.unit
-        drawn &= np.all(np.abs(colours) < BRIGHTEST, axis=1) & np.isfinite(views) & np.isfinite(sizes)
+        drawn &= np.all(np.abs(colours) < BRIGHTEST, axis=1) & np.isfinite(visibility) & np.isfinite(sizes)
         in_image = drawn & (parameters.opacity_logits >= LEAST_LOGIT) & _centre_in_image(parameters.means, camera)
     return Appearance(
         drawn,
@@ -64,7 +64,7 @@ def appearance_of(scene: SortFreeScene, camera: Camera, near: float) -> Appearan
         lengths,
         depths,
         np.where(drawn[:, None], np.maximum(colours, 0.0), 0.0).astype(kind),
-        np.where(drawn, views, LEAST_VIEW).astype(kind),
+        np.where(drawn, visibility, LEAST_VISIBILITY).astype(kind),
         np.where(drawn, sizes, 0.0).astype(kind),
     )
 

@@ -16,8 +16,9 @@ from pocketgs.sort_free.forms import FormName
 from pocketgs.sort_free.optimiser import ArrayAdam
 from pocketgs.sort_free.renderer import SceneGradient, SortFreeImage, SortFreeRenderer
 from pocketgs.sort_free.scene import MAX_LOGARITHM, SortFreeScene, sort_free
-from pocketgs.sort_free.visibility import fitted_views
-from pocketgs.splat.engine import EngineName, EngineOptions, chosen_engine
+from pocketgs.sort_free.visibility import fitted_visibility
+from pocketgs.splat.choose_engine import chosen_engine
+from pocketgs.splat.engine import EngineName, EngineOptions
 from pocketgs.splat.near_plane import near_plane
 from pocketgs.splat.optimiser import Adam, photometric_loss
 from pocketgs.splat.rasterizer import Output, Raster, Rasterizer
@@ -178,8 +179,8 @@ class _Distillation:
         schedule = cosine(final=0.02)
         adam = Adam(scene.gaussians, recipe.adam)
         scene = replace(scene, gaussians=adam.scene)
-        views = ArrayAdam(scene.views, recipe.adam)
-        numbers = ArrayAdam(scene.numbers, replace(recipe.adam, seen_only=False))
+        visibility_sh = ArrayAdam(scene.visibility_sh, recipe.adam)
+        log_shared = ArrayAdam(scene.log_shared, replace(recipe.adam, seen_only=False))
         with deferred_interrupt() as interrupt:
             for number in range(options.iterations):
                 if interrupt.requested:
@@ -189,9 +190,9 @@ class _Distillation:
                 frame = capture.train[view_of_step(number, len(capture.train), options.seed)]
                 gradient = self._gradient(scene, frame)
                 adam.step(gradient.gaussians, rates)
-                views.step(gradient.views, VIEW_RATE * share)
-                numbers.step(gradient.numbers, NUMBER_RATE * share)
-                np.clip(scene.numbers, -LARGEST_LOGARITHM, LARGEST_LOGARITHM, out=scene.numbers)
+                visibility_sh.step(gradient.visibility_sh, VIEW_RATE * share)
+                log_shared.step(gradient.log_shared, NUMBER_RATE * share)
+                np.clip(scene.log_shared, -LARGEST_LOGARITHM, LARGEST_LOGARITHM, out=scene.log_shared)
                 self._observer("training", number + 1, options.iterations)
         return Distilled(scene, options.iterations, False)
 
@@ -202,7 +203,7 @@ class _Distillation:
         if options.compositor != "visibility":
             return scene
         cameras = [frame.camera for frame in capture.train]
-        views = fitted_views(
+        visibility_sh = fitted_visibility(
             teacher,
             cameras,
             options.view_degree,
@@ -210,7 +211,7 @@ class _Distillation:
             self._renderer.rasterizer,
             lambda done, of: self._observer("visibility", done, of),
         )
-        return replace(scene, views=views)
+        return replace(scene, visibility_sh=visibility_sh)
 
     def _gradient(self, scene: SortFreeScene, frame: Frame) -> SceneGradient:
         options, background = self._options, self._capture.background

@@ -7,7 +7,8 @@ import numpy as np
 from pocketgs.geometry.camera import Camera
 from pocketgs.scene.background import BLACK, Background
 from pocketgs.sort_free.scene import SortFreeScene
-from pocketgs.splat.engine import EngineOptions, Renderer, Rendering, chosen_engine
+from pocketgs.splat.choose_engine import chosen_engine
+from pocketgs.splat.engine import EngineOptions, Renderer, Rendering
 
 
 def drawing_of(scene: SortFreeScene, options: EngineOptions) -> Renderer:
@@ -20,8 +21,8 @@ def drawing_of(scene: SortFreeScene, options: EngineOptions) -> Renderer:
         return SortFreeDrawing(scene, options.threads)
     from pocketgs.splat.webgpu.weighted import WeightedDrawing
 
-    numbers = dict(zip(scene.form.numbers, np.exp(scene.numbers), strict=True))
-    given = scene.gaussians, scene.form.name, scene.unit, numbers, scene.views
+    numbers = dict(zip(scene.form.numbers, np.exp(scene.log_shared), strict=True))
+    given = scene.gaussians, scene.form.name, scene.unit, numbers, scene.visibility_sh
     return WeightedDrawing(*given, options.gpu, options.max_memory)
 
 

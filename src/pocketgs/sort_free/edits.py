@@ -20,9 +20,9 @@ def edited(scene: SortFreeScene, edit: Callable[[Gaussians], Gaussians], factor:
         factor: that it scales by.
     """
     gaussians = edit(scene.gaussians)
-    views = np.zeros((len(gaussians), 0), np.float32)
-    if scene.views.shape[1]:
+    visibility_sh = np.zeros((len(gaussians), 0), np.float32)
+    if scene.visibility_sh.shape[1]:
         # v depends on directions as colours do, so what happens to colours happens to it.
-        twin = replace(scene.gaussians, sh=np.repeat(scene.views[..., None], 3, axis=2))
-        views = np.ascontiguousarray(edit(twin).sh[..., 0])
-    return replace(scene, gaussians=gaussians, unit=scene.unit * factor, views=views)
+        twin = replace(scene.gaussians, sh=np.repeat(scene.visibility_sh[..., None], 3, axis=2))
+        visibility_sh = np.ascontiguousarray(edit(twin).sh[..., 0])
+    return replace(scene, gaussians=gaussians, unit=scene.unit * factor, visibility_sh=visibility_sh)

@@ -27,25 +27,25 @@ class Seen:
 
     Attributes:
         distances: (N,) from the camera, in the scene's unit.
-        views: (N,) v, view-dependent.
+        visibility: (N,) v, which depends on the viewing direction.
         sizes: (N,) largest scales, in the scene's unit.
         in_image: (N,) whether it is drawn, with its centre in the image.
     """
 
     distances: np.ndarray
-    views: np.ndarray
+    visibility: np.ndarray
     sizes: np.ndarray
     in_image: np.ndarray
 
 
 @dataclass(frozen=True)
 class WeightGradient:
-    """Gradient with respect to a weight's inputs, (N,) each, and to the (G,) logarithms of the form's numbers."""
+    """Gradient with respect to a weight's inputs, (N,) each, and to the (G,) logarithms of the shared numbers."""
 
     distances: np.ndarray
-    views: np.ndarray
+    visibility: np.ndarray
     sizes: np.ndarray
-    numbers: np.ndarray
+    log_shared: np.ndarray
 
 
 Pullback = Callable[[np.ndarray], WeightGradient]
@@ -102,21 +102,21 @@ def _exponential(seen: Seen, numbers: np.ndarray) -> tuple[np.ndarray, Pullback]
 def _linear_correction(seen: Seen, numbers: np.ndarray) -> tuple[np.ndarray, Pullback]:
     """The weight max(0, 1 - d / σ) v (Hou et al. 2024, Linear Correction), v cut to 0 where negative."""
     sigma = numbers[0].astype(seen.distances.dtype)
-    nearness, views = np.maximum(1.0 - seen.distances / sigma, 0.0), np.maximum(seen.views, 0.0)
+    nearness, visibility = np.maximum(1.0 - seen.distances / sigma, 0.0), np.maximum(seen.visibility, 0.0)
 
     def pull(d_weights: np.ndarray) -> WeightGradient:
-        d_nearness = np.where(nearness > 0.0, d_weights * views, 0.0)
+        d_nearness = np.where(nearness > 0.0, d_weights * visibility, 0.0)
         shared = np.zeros(len(numbers))
         shared[0] = np.sum(d_nearness * seen.distances) / sigma
-        d_views = np.where(views > 0.0, d_weights * nearness, 0.0)
-        return WeightGradient(-d_nearness / sigma, d_views, np.zeros_like(d_views), shared)
+        d_visibility = np.where(visibility > 0.0, d_weights * nearness, 0.0)
+        return WeightGradient(-d_nearness / sigma, d_visibility, np.zeros_like(d_visibility), shared)
 
-    return nearness * views, pull
+    return nearness * visibility, pull
 
 
 def _mobile(seen: Seen, numbers: np.ndarray) -> tuple[np.ndarray, Pullback]:
     """The weight φ² + φ / d² + exp(s_max / d) (Du et al. 2026, Mobile-GS), φ = max(0, v)."""
-    distances, phi = seen.distances, np.maximum(seen.views, 0.0)
+    distances, phi = seen.distances, np.maximum(seen.visibility, 0.0)
     exponents = seen.sizes / distances
     near = np.exp(np.minimum(exponents, LARGEST_EXPONENT))
     squares = distances * distances
@@ -133,7 +133,7 @@ def _mobile(seen: Seen, numbers: np.ndarray) -> tuple[np.ndarray, Pullback]:
 def _visibility(seen: Seen, numbers: np.ndarray) -> tuple[np.ndarray, Pullback]:
     """The weight exp(v) / d^σ: v is the logarithm of the transmittance in front, in terms of sorted images."""
     sigma, logarithms = numbers[0].astype(seen.distances.dtype), np.log(seen.distances)
-    exponents = seen.views - sigma * logarithms
+    exponents = seen.visibility - sigma * logarithms
     # A common factor of all weights cancels: the nearest and clearest Gaussians of the image have weights of about 1.
     # One beside the image does not count: all others might fall below the cut.
     shown = exponents[seen.in_image] if seen.in_image.any() else exponents

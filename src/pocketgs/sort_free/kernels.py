@@ -11,7 +11,7 @@ import numpy as np
 from numba import prange
 
 from pocketgs.geometry.camera import Camera
-from pocketgs.sort_free.appearance import LEAST_LOGIT, LEAST_VIEW, Appearance
+from pocketgs.sort_free.appearance import LEAST_LOGIT, LEAST_VISIBILITY, Appearance
 from pocketgs.sort_free.scene import SortFreeScene
 from pocketgs.splat.constants import BRIGHTEST
 from pocketgs.splat.cpu.layout import View
@@ -38,7 +38,7 @@ def appearance_of(scene: SortFreeScene, camera: Camera, near: float, threads: in
         parameters.log_scales,
         parameters.opacity_logits,
         parameters.sh,
-        np.ascontiguousarray(scene.views, np.float32),
+        np.ascontiguousarray(scene.visibility_sh, np.float32),
         View.of(camera),
         kernel_lens(camera),
         near,
@@ -49,7 +49,7 @@ def appearance_of(scene: SortFreeScene, camera: Camera, near: float, threads: in
         seen.lengths,
         seen.depths,
         seen.colours,
-        seen.views,
+        seen.visibility,
         seen.sizes,
     )
     return seen
@@ -61,7 +61,7 @@ def _see(
     log_scales: np.ndarray,
     opacity_logits: np.ndarray,
     sh: np.ndarray,
-    view_sh: np.ndarray,
+    visibility_sh: np.ndarray,
     view: View,
     lens: KernelLens,
     near: float,
@@ -72,7 +72,7 @@ def _see(
     lengths: np.ndarray,
     depths: np.ndarray,
     colours: np.ndarray,
-    views: np.ndarray,
+    visibility: np.ndarray,
     sizes: np.ndarray,
 ) -> None:
     """Fill in an `Appearance`, of which the last seven arguments are the arrays."""
@@ -86,18 +86,18 @@ def _see(
                 depth = depth_of(view, lens, local)
                 depths[i], lengths[i] = depth, unit
                 drawn[i] = in_image[i] = False
-                colours[i], views[i], sizes[i] = 0.0, LEAST_VIEW, 0.0
+                colours[i], visibility[i], sizes[i] = 0.0, LEAST_VISIBILITY, 0.0
                 if not (math.isfinite(local[0] + local[1] + local[2]) and depth >= near):
                     continue
                 (x, y, z), lengths[i] = direction_to(view, means[i])
-                sh_basis(x, y, z, max(sh.shape[1], view_sh.shape[1]), basis)
+                sh_basis(x, y, z, max(sh.shape[1], visibility_sh.shape[1]), basis)
                 size = math.exp(max(log_scales[i, 0], log_scales[i, 1], log_scales[i, 2]))
-                sound, v = _paint(sh[i], view_sh[i], basis, colours[i])
+                sound, v = _paint(sh[i], visibility_sh[i], basis, colours[i])
                 drawn[i] = sound and math.isfinite(size)
                 if not drawn[i]:
                     colours[i] = 0.0
                     continue
-                views[i], sizes[i] = v, size / unit
+                visibility[i], sizes[i] = v, size / unit
                 if opacity_logits[i] >= LEAST_LOGIT and shows(view, lens, local, size):
                     across, down = centre_of(view, lens, local)
                     in_image[i] = 0.0 <= across <= view.width and 0.0 <= down <= view.height
@@ -105,11 +105,11 @@ def _see(
 
 
 @part
-def _paint(sh: np.ndarray, view_sh: np.ndarray, basis: np.ndarray, colour: np.ndarray) -> tuple[bool, float]:
+def _paint(sh: np.ndarray, visibility_sh: np.ndarray, basis: np.ndarray, colour: np.ndarray) -> tuple[bool, float]:
     """Write a Gaussian's colour, cut to 0 where negative; returns whether it can be drawn, and its v."""
     v = 0.0
-    for k in range(len(view_sh)):
-        v += basis[k] * view_sh[k]
+    for k in range(len(visibility_sh)):
+        v += basis[k] * visibility_sh[k]
     sound = math.isfinite(v)
     for channel in range(CHANNELS):
         value = 0.5

@@ -68,16 +68,16 @@ def encode(scene: SortFreeScene, detail: Detail = "fine", path: Path = Path("sce
     Raises:
         PocketGSError: the scene is empty, too large, or holds NaN or infinity.
     """
-    if not np.isfinite(scene.views).all():
+    if not np.isfinite(scene.visibility_sh).all():
         raise PocketGSError(f"{path}: views hold NaN or infinity, expected finite numbers")
     sections, order = pgs.encoded(scene.gaussians, CODINGS[detail], path)
-    step, coefficients = float(np.float32(STEPS[detail])), scene.views.shape[1]
+    step, coefficients = float(np.float32(STEPS[detail])), scene.visibility_sh.shape[1]
     head = HEAD.pack(
-        scene.form.name.encode("ascii"), coefficients, len(scene.numbers), 0, step, float(scene.unit)
-    ) + struct.pack(f"<{len(scene.numbers)}d", *scene.numbers)
+        scene.form.name.encode("ascii"), coefficients, len(scene.log_shared), 0, step, float(scene.unit)
+    ) + struct.pack(f"<{len(scene.log_shared)}d", *scene.log_shared)
     sections.append(Section(WEIGHTS, FIELDS, head))
     if coefficients:
-        sections.append(pgs.columns_of(VIEW, code_views, levels(scene.views[order], step)))
+        sections.append(pgs.columns_of(VIEW, code_views, levels(scene.visibility_sh[order], step)))
     return join_sections(sections)
 
 
@@ -99,13 +99,13 @@ def read_pgs(path: Path) -> SortFreeScene:
         raise PocketGSError(f"{path}: section {VIEW!r} is missing")
     gaussians = pgs.decoded(path, sections)
     require_memory(path, READING * coefficients * len(gaussians), f"{coefficients} coefficients of each weight")
-    views = np.zeros((len(gaussians), coefficients), np.float32)
+    visibility_sh = np.zeros((len(gaussians), coefficients), np.float32)
     if coefficients:
         with np.errstate(over="ignore"):
-            views[:] = pgs.table_of(path, sections[VIEW], code_views, views.shape) * step
+            visibility_sh[:] = pgs.table_of(path, sections[VIEW], code_views, visibility_sh.shape) * step
     try:
         form = form_named(text_of(name))
-        numbers = np.array(struct.unpack_from(f"<{count}d", fields, HEAD.size))
-        return SortFreeScene(gaussians, form, unit, numbers, views)
+        log_shared = np.array(struct.unpack_from(f"<{count}d", fields, HEAD.size))
+        return SortFreeScene(gaussians, form, unit, log_shared, visibility_sh)
     except PocketGSError as error:
         raise PocketGSError(f"{path}: {error}") from error

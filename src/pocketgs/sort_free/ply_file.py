@@ -32,9 +32,9 @@ def write_ply(path: Path, scene: SortFreeScene) -> None:
         PocketGSError: the file cannot be written.
     """
     comments = [f"{MARK} {scene.form.name}", f"{MARK}_unit {float(scene.unit)!r}"]
-    numbers = np.exp(scene.numbers)
+    numbers = np.exp(scene.log_shared)
     comments += [f"{MARK}_{name} {float(value)!r}" for name, value in zip(scene.form.numbers, numbers, strict=True)]
-    properties = {f"view_{k}": scene.views[:, k] for k in range(scene.views.shape[1])}
+    properties = {f"view_{k}": scene.visibility_sh[:, k] for k in range(scene.visibility_sh.shape[1])}
     write_gaussians(path, scene.gaussians, properties, comments)
 
 
@@ -61,9 +61,9 @@ def read_ply(path: Path) -> SortFreeScene:
     columns: list[np.ndarray] = []
     while (name := f"view_{len(columns)}") in (vertices.dtype.names or ()) and vertices.dtype[name].kind != "O":
         columns.append(np.asarray(vertices[name], np.float32))
-    views = np.stack(columns, axis=1) if columns else np.zeros((len(gaussians), 0), np.float32)
+    visibility_sh = np.stack(columns, axis=1) if columns else np.zeros((len(gaussians), 0), np.float32)
     try:
-        return SortFreeScene(gaussians, form, unit, np.log(numbers), views)
+        return SortFreeScene(gaussians, form, unit, np.log(numbers), visibility_sh)
     except PocketGSError as error:
         raise PocketGSError(f"{path}: {error}") from error
 

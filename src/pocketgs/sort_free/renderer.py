@@ -27,11 +27,11 @@ from pocketgs.system.cores import kernel_threads
 
 @dataclass(frozen=True)
 class SceneGradient:
-    """Gradient with respect to a scene: its Gaussians, its (G,) numbers and its (N, K) views."""
+    """Gradient with respect to a scene: its Gaussians, its (G,) `log_shared` and its (N, K) `visibility_sh`."""
 
     gaussians: RasterGradient
-    numbers: np.ndarray
-    views: np.ndarray
+    log_shared: np.ndarray
+    visibility_sh: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,7 @@ class SortFreeRenderer:
         else:
             numba.set_num_threads(self._threads)
             look = kernels.appearance_of(scene, camera, near, self._threads)
-        weights, pull = scene.form.weigh(_seen(scene, look), np.exp(scene.numbers))
+        weights, pull = scene.form.weigh(_seen(scene, look), np.exp(scene.log_shared))
         weighted = _Weighted(look, np.where(look.drawn, weights, 0.0).astype(look.colours.dtype), pull)
         raster = self.rasterizer.forward(
             _with_undrawable_transparent(parameters, look, near),
@@ -131,7 +131,7 @@ class SortFreeRenderer:
         self, scene: SortFreeScene, totals: np.ndarray, covered: np.ndarray, behind: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Colours, coverage and depths of an image, from its sums, 1 - T, and the background."""
-        behind_weight = 0.0 if scene.form.covers else float(np.exp(scene.numbers[-1]))
+        behind_weight = 0.0 if scene.form.covers else float(np.exp(scene.log_shared[-1]))
         if self._threads is not None:
             alpha, depths = np.empty_like(covered), np.zeros_like(covered)
             rgb = np.empty((*covered.shape, 3), np.float32)
@@ -160,17 +160,17 @@ class SortFreeRenderer:
         d_alpha = np.sum(rgb * (means[..., :3] - image._behind), axis=-1)
         d_totals = np.divide(d_means, total[..., None], out=np.zeros_like(totals), where=total[..., None] > 0.0)
         d_totals[..., 3] = -np.sum(d_totals * means, axis=-1)
-        d_numbers = np.zeros(len(scene.numbers))
+        d_log_shared = np.zeros(len(scene.log_shared))
         if scene.form.covers:
             d_coverage = np.where(total > 0.0, d_alpha, 0.0)
         else:
-            behind = np.exp(scene.numbers[-1])
+            behind = np.exp(scene.log_shared[-1])
             d_coverage = None
             d_totals[..., 3] += (d_alpha * behind / (total + behind) ** 2).astype(totals.dtype)
-            d_numbers[-1] = -np.sum(d_alpha * total / (total + behind) ** 2) * behind
+            d_log_shared[-1] = -np.sum(d_alpha * total / (total + behind) ** 2) * behind
         found = self.rasterizer.backward(image._raster, features=d_totals, alpha=d_coverage)
         assert found.features is not None
-        return _weigh_backward(scene, image._camera, weighted, found, d_numbers)
+        return _weigh_backward(scene, image._camera, weighted, found, d_log_shared)
 
 
 def _means(totals: np.ndarray) -> np.ndarray:
@@ -181,7 +181,7 @@ def _means(totals: np.ndarray) -> np.ndarray:
 
 def _seen(scene: SortFreeScene, look: Appearance) -> Seen:
     kind = look.lengths.dtype
-    return Seen(look.lengths / kind.type(scene.unit), look.views, look.sizes, look.in_image)
+    return Seen(look.lengths / kind.type(scene.unit), look.visibility, look.sizes, look.in_image)
 
 
 def _channels(weighted: _Weighted, depth: bool) -> np.ndarray:
@@ -204,16 +204,16 @@ def _with_undrawable_transparent(parameters: Gaussians, look: Appearance, near: 
 
 
 def _weigh_backward(
-    scene: SortFreeScene, camera: Camera, weighted: _Weighted, found: RasterGradient, d_numbers: np.ndarray
+    scene: SortFreeScene, camera: Camera, weighted: _Weighted, found: RasterGradient, d_log_shared: np.ndarray
 ) -> SceneGradient:
-    """Convert the gradient with respect to channels to that of the scene; adds to `d_numbers`."""
+    """Convert the gradient with respect to channels to that of the scene; adds to `d_log_shared`."""
     parameters, d_channels = scene.gaussians, found.features
     assert d_channels is not None
     weights, look = weighted.weights, weighted.look
-    coefficients, views = parameters.sh.shape[1], scene.views.shape[1]
+    coefficients, of_visibility = parameters.sh.shape[1], scene.visibility_sh.shape[1]
     with np.errstate(all="ignore"):
         directions, lengths = directions_to(scene, camera, look.drawn)
-    harmonics = basis(directions, max(coefficients, views))
+    harmonics = basis(directions, max(coefficients, of_visibility))
     d_weights = np.einsum("nc,nc->n", d_channels[:, :3], look.colours) + d_channels[:, 3]
     d_means = found.means.copy()
     touched = np.any(d_channels != 0.0, axis=1)
@@ -228,7 +228,7 @@ def _weigh_backward(
     d_sh = harmonics[:, :coefficients, None] * d_colours[:, None, :]
     d_harmonics = np.zeros_like(harmonics)
     d_harmonics[:, :coefficients] = np.einsum("nkc,nc->nk", parameters.sh, d_colours)
-    d_harmonics[:, :views] += scene.views * back.views[:, None]
+    d_harmonics[:, :of_visibility] += scene.visibility_sh * back.visibility[:, None]
     d_directions = np.einsum("nk,nki->ni", d_harmonics, basis_gradient(directions, harmonics.shape[1]))
     # A unit vector's derivative keeps only what is across it.
     across = d_directions - np.einsum("ni,ni->n", d_directions, directions)[:, None] * directions
@@ -240,4 +240,6 @@ def _weigh_backward(
     gaussians = replace(
         found, means=d_means.astype(kind), log_scales=d_log_scales, sh=(found.sh + d_sh).astype(kind), features=None
     )
-    return SceneGradient(gaussians, d_numbers + back.numbers, harmonics[:, :views] * back.views[:, None])
+    return SceneGradient(
+        gaussians, d_log_shared + back.log_shared, harmonics[:, :of_visibility] * back.visibility[:, None]
+    )

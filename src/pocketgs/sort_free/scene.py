@@ -22,27 +22,28 @@ class SortFreeScene:
         gaussians: the Gaussians.
         form: how they are weighted.
         unit: length, in scene units, that distances and sizes are measured in.
-        numbers: (G,) float64 logarithms of the form's numbers, in their order.
-        views: (N, K) float32 spherical harmonics of v, K = 1, 4, 9 or 16; (N, 0) where the form has no v.
+        log_shared: (G,) float64 natural logarithms of the form's shared numbers, in their order.
+        visibility_sh: (N, K) float32 spherical harmonics of v, K = 1, 4, 9 or 16; (N, 0) where the form has no v.
     """
 
     gaussians: Gaussians
     form: Form
     unit: float
-    numbers: np.ndarray
-    views: np.ndarray
+    log_shared: np.ndarray
+    visibility_sh: np.ndarray
 
     def __post_init__(self) -> None:
         count = len(self.gaussians.means)
-        self.numbers = np.asarray(self.numbers, np.float64)
-        if self.numbers.shape != (len(self.form.numbers),):
-            raise PocketGSError(f"sort-free scene: {self.numbers.shape} numbers, expected {len(self.form.numbers)}")
+        self.log_shared = np.asarray(self.log_shared, np.float64)
+        if self.log_shared.shape != (len(self.form.numbers),):
+            raise PocketGSError(f"sort-free scene: {self.log_shared.shape} numbers, expected {len(self.form.numbers)}")
         wanted = SH_COEFFICIENTS if self.form.view_start is not None else (0,)
-        if self.views.ndim != 2 or len(self.views) != count or self.views.shape[1] not in wanted:
+        shape = self.visibility_sh.shape
+        if len(shape) != 2 or shape[0] != count or shape[1] not in wanted:
             expected = " or ".join(map(str, wanted))
-            raise PocketGSError(f"sort-free scene: views of shape {self.views.shape}, expected ({count}, {expected})")
-        if not (1.0 / MAX_UNIT < self.unit < MAX_UNIT and np.all(np.abs(self.numbers) < MAX_LOGARITHM)):
-            found = f"unit {self.unit:g} and numbers {np.exp(self.numbers)}"
+            raise PocketGSError(f"sort-free scene: views of shape {shape}, expected ({count}, {expected})")
+        if not (1.0 / MAX_UNIT < self.unit < MAX_UNIT and np.all(np.abs(self.log_shared) < MAX_LOGARITHM)):
+            found = f"unit {self.unit:g} and numbers {np.exp(self.log_shared)}"
             raise PocketGSError(f"sort-free scene: {found}, expected such that float32 can hold")
 
     def __len__(self) -> int:
@@ -63,7 +64,7 @@ def sort_free(gaussians: Gaussians, form: str, unit: float, view_degree: int = 1
     """
     chosen = form_named(form)
     coefficients = 0 if chosen.view_start is None else SH_COEFFICIENTS[view_degree]
-    views = np.zeros((len(gaussians), coefficients), np.float32)
+    visibility_sh = np.zeros((len(gaussians), coefficients), np.float32)
     if chosen.view_start is not None:
-        views[:, 0] = chosen.view_start / SH_DC
-    return SortFreeScene(gaussians, chosen, unit, np.log(list(chosen.numbers.values())), views)
+        visibility_sh[:, 0] = chosen.view_start / SH_DC
+    return SortFreeScene(gaussians, chosen, unit, np.log(list(chosen.numbers.values())), visibility_sh)

@@ -46,7 +46,7 @@ def visible_shares(
     return np.minimum(shares, 1.0), covered
 
 
-def fitted_views(
+def fitted_visibility(
     gaussians: Gaussians,
     cameras: Sequence[Camera],
     degree: int,
@@ -71,12 +71,12 @@ def fitted_views(
     for camera, found in zip(chosen, sorted_.contributions(gaussians, chosen), strict=True):
         looks.append((camera.centre, *visible_shares(gaussians, camera, found.summed, summed)))
         on_count(len(looks), len(chosen))
-    views = np.empty((len(gaussians), SH_COEFFICIENTS[degree]), np.float32)
-    for first in range(0, len(views), BLOCK):
+    visibility_sh = np.empty((len(gaussians), SH_COEFFICIENTS[degree]), np.float32)
+    for first in range(0, len(visibility_sh), BLOCK):
         block = slice(first, first + BLOCK)
         seen = [(centre, shares[block], covered[block]) for centre, shares, covered in looks]
-        views[block] = _fitted(gaussians.means[block], seen, views.shape[1])
-    return views
+        visibility_sh[block] = _fitted(gaussians.means[block], seen, visibility_sh.shape[1])
+    return visibility_sh
 
 
 def _fitted(means: np.ndarray, looks: list[tuple[np.ndarray, np.ndarray, np.ndarray]], coefficients: int) -> np.ndarray:

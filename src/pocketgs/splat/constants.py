@@ -1,5 +1,7 @@
 """Constants of the image formation, shared by all engines."""
 
+import numpy as np
+
 NEAR = 0.005
 """Gaussians whose centre is nearer to the camera's plane than this share of the scene's extent are not drawn; see
 `pocketgs.splat.near_plane`."""
@@ -14,6 +16,9 @@ variances: float32 cannot represent such a thin needle."""
 MAX_VARIANCE = 1e12
 """A projected Gaussian with a larger variance, in pixels², has diverged and is not drawn: float32 cannot represent its
 inverse covariance."""
+
+CULLED = np.uint32(0xFFFFFFFF)
+"""Depth key of a Gaussian that is not visible."""
 
 FRUSTUM_MARGIN = 0.15
 """Margin around the image, as a fraction of it, beyond which the projection's Jacobian clamps x/z and y/z."""

@@ -1,4 +1,4 @@
-"""The `Engine` interface between training and rendering, and the choice of an engine."""
+"""The `Engine` interface between training and rendering, and the options of engines."""
 
 from __future__ import annotations
 
@@ -15,15 +15,12 @@ from pocketgs.scene.background import BLACK, Background
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.rows import RowChange, Statistics
 from pocketgs.splat.settings import StepSettings
-from pocketgs.system.device_name import DeviceName
-from pocketgs.system.memory_need import MemoryNeed
+from pocketgs.system.device import MemoryNeed
 
 EngineName = Literal["auto", "cpu", "webgpu"]
 Precision = Literal["f32", "f16"]
 Replay = Literal["recompute", "cache"]
 Accumulation = Literal["ordered", "atomic"]
-
-ENGINES = get_args(EngineName)
 
 KEPT_LOSSES = 4096
 """Number of latest steps whose losses an engine keeps."""
@@ -193,46 +190,3 @@ def check_threads(threads: int | None) -> None:
     """
     if threads is not None and threads < 1:
         raise PocketGSError(f"threads: found {threads}, expected at least 1")
-
-
-def create_engine(options: EngineOptions | None = None) -> Engine:
-    """Create an engine.
-
-    Args:
-        options: None for the defaults.
-
-    Raises:
-        PocketGSError: the engine is not available here.
-    """
-    options = options or EngineOptions()
-    if chosen_engine(options) == "webgpu":
-        from pocketgs.splat.webgpu.engine import WebGpuEngine
-
-        return WebGpuEngine(options)
-    from pocketgs.splat.cpu.engine import CpuEngine
-
-    return CpuEngine(options.threads)
-
-
-def chosen_engine(options: EngineOptions) -> DeviceName:
-    """The name of the engine, with "auto" resolved: a GPU that is named is used, whatever it is.
-
-    Raises:
-        PocketGSError: the name is unknown, or a GPU is named that is not there or that the engine does not use.
-    """
-    if options.engine not in ENGINES:
-        raise PocketGSError(f"engine {options.engine!r}: not known, expected one of {', '.join(ENGINES)}")
-    if options.gpu is not None:
-        if options.engine == "cpu":
-            raise PocketGSError(f"gpu {options.gpu!r}: not used by engine cpu, expected --engine auto or webgpu")
-        from pocketgs.gpu.adapters import choose_adapter
-
-        choose_adapter(options.gpu)
-        return "webgpu"
-    return "webgpu" if options.engine == "webgpu" or (options.engine == "auto" and _has_gpu()) else "cpu"
-
-
-def _has_gpu() -> bool:
-    from pocketgs.gpu.adapters import has_gpu
-
-    return has_gpu()

@@ -193,21 +193,23 @@ class Rasterizer:
             parameters, camera, near, channels.rgb is not None, channels.values, antialiased
         )
         behind = np.array(checked_background(background), self._backend.dtype)
-        tape = _Tape(parameters, camera, behind, channels, composite)
+        tape = _Tape(parameters=parameters, camera=camera, background=behind, channels=channels, composite=composite)
         images = channels.images(composite.image, composite.transmittance, behind)
-        contributions = median_depth = None
+        radii = contributions = median_depth = None
+        if "radii" in outputs:
+            radii = _scattered(len(parameters.means), composite.visible, composite.radii)
         if "contributions" in outputs or "median_depth" in outputs:
             contributions, median_depth = self._backend.inspect(composite)
         return Raster(
-            images.rgb,
-            1.0 - composite.transmittance if "alpha" in outputs else None,
-            images.depth,
-            median_depth if "median_depth" in outputs else None,
-            images.normals,
-            images.features,
-            _scattered(len(parameters.means), composite.visible, composite.radii) if "radii" in outputs else None,
-            contributions if "contributions" in outputs else None,
-            tape,
+            rgb=images.rgb,
+            alpha=1.0 - composite.transmittance if "alpha" in outputs else None,
+            depth=images.depth,
+            median_depth=median_depth if "median_depth" in outputs else None,
+            normals=images.normals,
+            features=images.features,
+            radii=radii,
+            contributions=contributions if "contributions" in outputs else None,
+            _tape=tape,
         )
 
     def contributions(
@@ -284,18 +286,18 @@ class Rasterizer:
             )
         d_rotations = found.rotations + channels.d_rotations(found.channels)
         return RasterGradient(
-            d_means,
-            found.log_scales,
-            d_rotations,
-            quaternion_gradient(parameters.quaternions, d_rotations).astype(self._backend.dtype),
-            found.opacity_logits,
-            found.sh,
-            None if channels.features is None else found.channels[:, channels.features],
-            np.zeros(3) if rgb is None else np.einsum("hw,hwc->c", composite.transmittance, rgb),
-            d_pose,
-            None if d_pose is None else matrix_gradient(tape.camera, d_pose),
-            found.centres,
-            found.absolute_centres if absolute else None,
+            means=d_means,
+            log_scales=found.log_scales,
+            rotations=d_rotations,
+            quaternions=quaternion_gradient(parameters.quaternions, d_rotations).astype(self._backend.dtype),
+            opacity_logits=found.opacity_logits,
+            sh=found.sh,
+            features=None if channels.features is None else found.channels[:, channels.features],
+            background=np.zeros(3) if rgb is None else np.einsum("hw,hwc->c", composite.transmittance, rgb),
+            pose=d_pose,
+            world_to_camera=None if d_pose is None else matrix_gradient(tape.camera, d_pose),
+            centres=found.centres,
+            absolute_centres=found.absolute_centres if absolute else None,
         )
 
 

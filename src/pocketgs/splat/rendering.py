@@ -10,7 +10,8 @@ from pocketgs.capture.capture import Frame
 from pocketgs.geometry.camera import Camera
 from pocketgs.scene.background import BLACK, Background
 from pocketgs.scene.gaussians import Gaussians
-from pocketgs.splat.engine import EngineOptions, Renderer, Rendering, create_engine
+from pocketgs.splat.choose_engine import create_engine
+from pocketgs.splat.engine import EngineOptions, Renderer, Rendering
 
 
 def render(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, get_args
 
 from pocketgs.errors import PocketGSError
-from pocketgs.system.device_name import DeviceName
+from pocketgs.system.device import DeviceName
 
 if TYPE_CHECKING:
     from pocketgs.splat.webgpu.compositor import SplatCompositor

@@ -11,8 +11,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from pocketgs.splat.constants import CULLED
 from pocketgs.splat.cpu.layout import DEPTH, EXPONENT_XX, EXPONENT_XY, EXPONENT_YY, LOG2_OPACITY, MEAN_X, MEAN_Y
-from pocketgs.splat.cpu.project import CULLED
 from pocketgs.splat.webgpu.compositor import NOT_DRAWN, SplatCompositor, Splats
 from pocketgs.torch.arrays import array_of, flat, torch_threads, zeros
 from pocketgs.torch.tiles import NO_COLOURS, splat_rows

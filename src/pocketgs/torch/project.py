@@ -67,7 +67,7 @@ class Projection:
             object.__setattr__(self, name, value)  # the class is frozen
 
 
-class Splats(NamedTuple):
+class ProjectedSplats(NamedTuple):
     """Projected Gaussians: M = B C N rows in that order, or, if packed, one row per visible Gaussian.
 
     Rows of invisible Gaussians are zeros.
@@ -90,7 +90,7 @@ class Splats(NamedTuple):
 
 
 class Project2D(torch.autograd.Function):
-    """`Project2D.apply(means, quats, scales, opacities, viewmats, Ks, projection)` returns a `Splats`'s tensors.
+    """`Project2D.apply(means, quats, scales, opacities, viewmats, Ks, projection)` returns `ProjectedSplats`.
 
     Arguments are float32: (..., N, 3), (..., N, 4) of any length, (..., N, 3), (..., N) or (..., 0) for opaque ones,
     (..., C, 4, 4), (..., C, 3, 3), and a `Projection`; B is the product of the dimensions that the dots stand for.
@@ -107,7 +107,7 @@ class Project2D(torch.autograd.Function):
         viewmats: Tensor,
         Ks: Tensor,
         projection: Projection,
-    ) -> Splats:
+    ) -> ProjectedSplats:
         """Project every Gaussian into every camera of its batch."""
         threads = torch_threads()
         check_tensors(1, opacities=opacities)
@@ -155,7 +155,7 @@ class Project2D(torch.autograd.Function):
         arrays.append(radii.reshape(-1, 2))
         if projection.packed:
             arrays = [np.take(array, seen, axis=0) for array in arrays]
-        splats = Splats._make(map(torch.from_numpy, [*arrays, seen]))
+        splats = ProjectedSplats._make(map(torch.from_numpy, [*arrays, seen]))
         ctx.projection, ctx.views, ctx.shape_of_viewmats = projection, views, viewmats.shape
         ctx.save_for_backward(means, quats, scales, splats.conics, splats.compensations, splats.seen)
         ctx.mark_non_differentiable(splats.radii, splats.seen)

@@ -12,7 +12,7 @@ from pocketgs.splat.constants import ALPHA_MIN
 from pocketgs.splat.cpu.operators.projection import REACH, UNBOUNDED
 from pocketgs.torch.arrays import check_shape, check_tensors, checked_dtype
 from pocketgs.torch.covariance import from_upper_triangle, proj, quat_scale_to_covar_preci, world_to_cam
-from pocketgs.torch.project import Project2D, Projection, Splats
+from pocketgs.torch.project import Project2D, ProjectedSplats, Projection
 from pocketgs.torch.rows import Rows
 from pocketgs.torch.unsupported import check_camera_model
 
@@ -89,7 +89,7 @@ def projected(
     viewmats: Tensor,
     Ks: Tensor,
     projection: Projection,
-) -> Splats:
+) -> ProjectedSplats:
     """`fully_fused_projection`, with its settings in one object, before the rows get their shape."""
     tensors = {"means": means, "covars": covars, "quats": quats, "scales": scales}
     dtype = checked_dtype({**tensors, "viewmats": viewmats, "opacities": opacities})
@@ -109,7 +109,7 @@ def projected(
         check_shape("quats", quats, (*lead, count, 4))
         check_shape("scales", scales, (*lead, count, 3))
         if dtype == torch.float32:
-            return Splats(*Project2D.apply(means, quats, scales, bounding, viewmats, Ks, projection))
+            return ProjectedSplats(*Project2D.apply(means, quats, scales, bounding, viewmats, Ks, projection))
         finite, (means, quats, scales) = _finite_rows(means, quats, scales)
         matrices, _ = quat_scale_to_covar_preci(quats, scales, compute_preci=False)
     else:
@@ -140,7 +140,7 @@ def _project(
     viewmats: Tensor,
     Ks: Tensor,
     projection: Projection,
-) -> Splats:
+) -> ProjectedSplats:
     """`Project2D` in plain PyTorch, for given covariances and for double precision; what is not finite is invisible."""
     size = (projection.width, projection.height)
     local, turned = world_to_cam(means, covars, viewmats)
@@ -169,14 +169,14 @@ def _project(
     flat = [centres.reshape(-1, 2), depths.reshape(-1), conics.reshape(-1, 3), compensations.reshape(-1)]
     if projection.packed:
         arrays = [each.index_select(0, rows) for each in (*flat, radii.reshape(-1, 2))]
-        return Splats._make([*arrays, rows])
+        return ProjectedSplats._make([*arrays, rows])
     mask = seen.flatten()
     kept = [torch.where(mask[:, None] if each.ndim == 2 else mask, each, 0.0) for each in flat]
-    return Splats._make([*kept, radii.reshape(-1, 2), rows])
+    return ProjectedSplats._make([*kept, radii.reshape(-1, 2), rows])
 
 
 def in_rows(
-    splats: Splats, projection: Projection, shape: tuple[int, ...]
+    splats: ProjectedSplats, projection: Projection, shape: tuple[int, ...]
 ) -> tuple[Tensor, Tensor, Tensor, Tensor | None, Tensor]:
     """Centres, depths, conics, compensations (None if not asked for) and radii.
 

@@ -10,10 +10,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from pocketgs.splat.cpu.bin import TileLists
 from pocketgs.splat.cpu.layout import COLOURS
 from pocketgs.splat.cpu.operators.splat_rows import gather_sums
 from pocketgs.splat.cpu.rasterize import rasterize
-from pocketgs.splat.cpu.rasterize_backward import rasterize_backward, sums_per_intersection
+from pocketgs.splat.cpu.rasterize_backward import rasterize_backward
+from pocketgs.splat.cpu.tile_image import TileImage
+from pocketgs.splat.cpu.tile_sums import sums_per_intersection
 from pocketgs.splat.limits import GSPLAT
 from pocketgs.torch.arrays import array_of, flat, torch_threads, zeros
 from pocketgs.torch.tiles import Tiles, splat_rows
@@ -39,6 +42,11 @@ class _Tape(NamedTuple):
     slots: np.ndarray
     visible: np.ndarray
     drawn_ends: np.ndarray
+
+    @property
+    def lists(self) -> TileLists:
+        """The tile lists."""
+        return TileLists(self.intersections, self.ranges, self.slots)
 
 
 class TileRasterizer(torch.autograd.Function):
@@ -72,8 +80,8 @@ class TileRasterizer(torch.autograd.Function):
         drawn, light, tapes = np.empty((*shape, behind.shape[1]), np.float32), np.empty(shape, np.float32), []
         for image, (lists, (first, end)) in enumerate(zip(tiles.lists, pairwise(tiles.first_rows), strict=True)):
             ends = np.empty(len(lists.ranges) - 1, np.int32)
-            given = (splats[first:end], lists.intersections, lists.ranges, behind[image], GSPLAT)
-            rasterize(*given, threads, drawn[image].transpose(2, 0, 1), light[image], ends)
+            target = TileImage(drawn[image].transpose(2, 0, 1), light[image], ends)
+            rasterize(splats[first:end], lists, behind[image], GSPLAT, threads, target)
             tapes.append(_Tape(*lists, tiles.visible[image], ends))
         # As tensors, which PyTorch frees after backward.
         kept = [torch.from_numpy(array) for array in (splats, drawn, light, *(each for tape in tapes for each in tape))]
@@ -105,9 +113,9 @@ class TileRasterizer(torch.autograd.Function):
             elif d_images is not None:
                 planes[..., :channels] = d_images[image].numpy()
             d_transmittance = _NO_PLANE if d_alphas is None else -array_of(d_alphas[image, ..., 0])
-            listed = (splats[own], tape.intersections, tape.ranges, tape.drawn_ends, GSPLAT)
-            made = (drawn[image].transpose(2, 0, 1), planes.transpose(2, 0, 1), light[image], d_transmittance)
-            rasterize_backward(*listed, threads, *made, ctx.absgrad, sums)
+            made = TileImage(drawn[image].transpose(2, 0, 1), light[image], tape.drawn_ends)
+            gradients = (planes.transpose(2, 0, 1), d_transmittance)
+            rasterize_backward(splats[own], tape.lists, GSPLAT, threads, made, *gradients, ctx.absgrad, sums)
             gather_sums(
                 shapes[own],
                 opaque[own],

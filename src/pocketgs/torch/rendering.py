@@ -164,7 +164,7 @@ def rasterization(
         values, behind = with_depths(colours, backgrounds, depths, (*lead, cameras), render_mode)
     else:  # depth alone ignores backgrounds
         values, behind = depths[..., None], None
-    meta = described(rows, Splatted(radii, means2d, conics, shown, depths), width, height, tile_size)
+    meta = described(rows, SplatRows(radii, means2d, conics, shown, depths), width, height, tile_size)
     images, alphas = composited(rows, meta, values, behind, absgrad)
     if "ED" in render_mode:
         images = torch.cat([images[..., :-1], images[..., -1:] / alphas.clamp(min=1e-10)], -1)
@@ -199,7 +199,7 @@ def with_depths(
     return torch.cat([colours, depths[..., None]], -1), behind
 
 
-class Splatted(NamedTuple):
+class SplatRows(NamedTuple):
     """Rows of splats: (..., 2) int32 radii, (..., 2) centres, (..., 3) conics, (...) opacities and depths."""
 
     radii: Tensor
@@ -209,7 +209,7 @@ class Splatted(NamedTuple):
     depths: Tensor
 
 
-def described(rows: Rows, splats: Splatted, width: int, height: int, tile_size: int) -> Meta:
+def described(rows: Rows, splats: SplatRows, width: int, height: int, tile_size: int) -> Meta:
     """The dictionary of gsplat; indices and tile intersections are computed when they are first used."""
     across, down = math.ceil(width / tile_size), math.ceil(height / tile_size)
 

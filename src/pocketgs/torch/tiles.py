@@ -13,11 +13,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from pocketgs.splat.constants import CULLED
 from pocketgs.splat.cpu.bin import Binner, TileLists
 from pocketgs.splat.cpu.layout import CLUSTER, COLOURS, FIRST_CHANNEL, View
 from pocketgs.splat.cpu.operators.given_lists import lists_from
 from pocketgs.splat.cpu.operators.splat_rows import write_rows
-from pocketgs.splat.cpu.project import CULLED
 from pocketgs.splat.cpu.sort import sort_by_depth
 from pocketgs.torch.arrays import array_of, flat, torch_threads, whole_numbers
 
@@ -54,7 +54,7 @@ class Tiles:
 class TileBinner(torch.autograd.Function):
     """`TileBinner.apply(centres, conics, opacities, depths, first_rows, width, height)` returns `Tiles`.
 
-    Arguments are those of a `Splats`, float32, of all images in turn. The result has no gradient.
+    Arguments are those of a `ProjectedSplats`, float32, of all images in turn. The result has no gradient.
     """
 
     @staticmethod

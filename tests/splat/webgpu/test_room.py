@@ -19,7 +19,7 @@ from pocketgs.splat.settings import LossSettings, StepSettings
 from pocketgs.splat.webgpu import engine as engine_module
 from pocketgs.splat.webgpu import steps_ahead
 from pocketgs.splat.webgpu.engine import WebGpuEngine
-from pocketgs.splat.webgpu.memory import ROW_GROWTH, Extent, Limits, plan_memory, plan_rows
+from pocketgs.splat.webgpu.memory import ROW_GROWTH, Extent, MemoryLimits, plan_memory, plan_rows
 from pocketgs.splat.webgpu.passes import describe_training
 from pocketgs.splat.webgpu.variant import Variant
 from splat.training_step import BACKGROUND, RATES, assert_identical, begin, camera_in_front, photograph
@@ -174,7 +174,7 @@ def test_headroom_displaces_neither_photographs_nor_the_replay_cache(replay: Lit
     grown = replace(before, gaussians=1100, capacity=1100)
     capacities = set()
     for total in range(4_000_000, 30_000_000, 50_000):
-        limits = Limits(total, total)
+        limits = MemoryLimits(total, total)
         try:
             exact = plan_memory(description, grown, limits)
         except PocketGSError:

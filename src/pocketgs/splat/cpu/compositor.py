@@ -22,14 +22,14 @@ class Compositor:
         name: of the rule.
         order: a kernel with the arguments of `sort_by_depth`.
         forward: a kernel with the arguments of `rasterize`.
-        replay: a kernel with the arguments of `rasterize_backward`.
+        backward: a kernel with the arguments of `rasterize_backward`.
         inspect: a kernel with the arguments of `inspect`, or None for a rule without occlusion.
     """
 
     name: str
     order: Callable[..., tuple[np.ndarray, np.ndarray]]
     forward: Callable[..., None]
-    replay: Callable[..., None]
+    backward: Callable[..., None]
     inspect: Callable[..., None] | None
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import prange
 
+from pocketgs.splat.cpu.bin import TileLists
 from pocketgs.splat.cpu.lanes import LANES, Floats, broadcast, load, select, store, sums
 from pocketgs.splat.cpu.layout import (
     DEPTH,
@@ -15,7 +16,6 @@ from pocketgs.splat.cpu.layout import (
     SLOTS_FIRST,
     TILE_PIXELS,
 )
-from pocketgs.splat.cpu.rasterize import write_tile
 from pocketgs.splat.cpu.tile import (
     ONE,
     ZERO,
@@ -27,6 +27,7 @@ from pocketgs.splat.cpu.tile import (
     pixels_inside,
     row_offsets,
 )
+from pocketgs.splat.cpu.tile_image import TileImage, write_tile
 from pocketgs.splat.limits import TRAINING
 from pocketgs.system.compile import inlined, kernel, parallel_kernel
 from pocketgs.system.dealing import first_piece, take
@@ -80,10 +81,8 @@ def _write(totals: Floats, largest: Floats, intersection: np.ndarray) -> None:
 @parallel_kernel
 def inspect(
     splats: np.ndarray,
-    intersections: np.ndarray,
-    ranges: np.ndarray,
-    drawn_ends: np.ndarray,
-    width: int,
+    lists: TileLists,
+    drawn: TileImage,
     threads: int,
     by_intersection: np.ndarray,
     median_image: np.ndarray,
@@ -92,26 +91,24 @@ def inspect(
 
     Args:
         splats: (N, FIRST_CHANNEL + C) from `project`.
-        intersections: (E, INTERSECTION_FIELDS) int32, the tile lists; see `TileLists`.
-        ranges: (tiles + 1,) int32, start of each tile's intersections.
-        drawn_ends: (tiles,) int32 from `rasterize`.
-        width: of the image.
-        threads: number of threads that share the work.
+        lists: of the image.
+        drawn: the image from `rasterize`.
+        threads: number of threads.
         by_intersection: (E, 3) float32, all 0; written at each intersection's slot.
         median_image: (H, W) float32, written: depth of the splat that brings the transmittance below one half, or 0.
     """
-    height = median_image.shape[0]
+    height, width = median_image.shape
     counter = first_piece()
     for _ in prange(threads):
         transmittance, median = np.empty(TILE_PIXELS, np.float32), np.empty(TILE_PIXELS, np.float32)
         inside = np.empty(TILE_PIXELS, np.float32)
         tile = take(counter)
-        while tile < len(drawn_ends):
+        while tile < len(drawn.drawn_ends):
             left, top = origin(tile, height)
             pixels_inside(left, top, width, height, inside)
             transmittance[:], median[:] = 1.0, 0.0
-            for index in range(ranges[tile], drawn_ends[tile]):
-                intersection = intersections[index]
+            for index in range(lists.ranges[tile], drawn.drawn_ends[tile]):
+                intersection = lists.intersections[index]
                 own = by_intersection[intersection[INTERSECTION_SLOT]]
                 splat = splats[intersection[INTERSECTION_SPLAT]]
                 _inspect(splat, intersection[INTERSECTION_ROWS], left, top, inside, transmittance, median, own)

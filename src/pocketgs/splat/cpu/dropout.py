@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba import prange
 
-from pocketgs.splat.cpu.hash import hashed
-from pocketgs.splat.cpu.project import CULLED
+from pocketgs.splat.constants import CULLED
+from pocketgs.splat.cpu.hash import pcg_hash
 from pocketgs.system.compile import parallel_kernel
 from pocketgs.system.dealing import PIECE, first_piece, take
 
@@ -21,12 +21,12 @@ def drop_out(depth_keys: np.ndarray, threshold: int, seed: int, threads: int) ->
         seed: determines the choice, on any number of threads.
         threads: number of threads.
     """
-    start = hashed(seed & 0xFFFFFFFF)
+    start = pcg_hash(seed & 0xFFFFFFFF)
     counter = first_piece()
     for _ in prange(threads):
         piece = PIECE * take(counter)
         while piece < len(depth_keys):
             for i in range(piece, min(piece + PIECE, len(depth_keys))):
-                if hashed(start ^ i) < threshold:
+                if pcg_hash(start ^ i) < threshold:
                     depth_keys[i] = CULLED
             piece = PIECE * take(counter)

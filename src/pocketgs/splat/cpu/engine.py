@@ -23,13 +23,14 @@ from pocketgs.splat.cpu.compositor import OVER
 from pocketgs.splat.cpu.dropout import drop_out
 from pocketgs.splat.cpu.errors import error_sums
 from pocketgs.splat.cpu.lanes import LANES
-from pocketgs.splat.cpu.layout import BLUE, DEPTH, RED, SPLAT_FIELDS, SceneArrays, View
+from pocketgs.splat.cpu.layout import BLUE, DEPTH, RED, SceneArrays, View
 from pocketgs.splat.cpu.lenses.lens import KernelLens, Pinhole, kernel_lens
 from pocketgs.splat.cpu.memory import training_bytes
 from pocketgs.splat.cpu.noise import add_noise
 from pocketgs.splat.cpu.photographs import Canvas, Photographs, TrainingView
 from pocketgs.splat.cpu.project import project
 from pocketgs.splat.cpu.project_backward import project_backward
+from pocketgs.splat.cpu.splat_buffers import SplatBuffers
 from pocketgs.splat.cpu.statistics import RADIUS, SCREEN_GRADIENT, SEEN, STATISTICS
 from pocketgs.splat.engine import KEPT_LOSSES, OptimiserState, Rendering
 from pocketgs.splat.limits import TRAINING
@@ -41,7 +42,7 @@ from pocketgs.splat.store import ParameterStore
 from pocketgs.splat.timing import NoTimer, PassTimer
 from pocketgs.system.compiled_variants import note_compiled
 from pocketgs.system.cores import kernel_threads
-from pocketgs.system.memory_need import MemoryNeed
+from pocketgs.system.device import MemoryNeed
 
 _NO_PLANE, _NO_CENTRES, _NO_CHANNELS = (np.empty(shape, np.float32) for shape in ((0, 0), (0, 4), (0, 3)))
 """Empty arrays for unused optional arguments of kernels."""
@@ -140,12 +141,10 @@ class CpuEngine:
         """Allocate a step's outputs per Gaussian for the current number of Gaussians."""
         count = self._store.count
         self.restart_statistics()
-        self._splats = np.zeros((count, SPLAT_FIELDS), np.float32)
-        self._depth_keys = np.zeros(count, np.uint32)
+        self._buffers = SplatBuffers(count)
         self._clusters = Clusters(count)
         # Clusters with non-zero gradients; after a change of rows, gradients are undefined.
         self._written = self._clusters.all
-        self._visible, self._order, self._order_scratch = np.zeros((3, count), np.int32)
 
     @property
     def count(self) -> int:
@@ -205,7 +204,8 @@ class CpuEngine:
         expected_depth = None
         if depth:
             # Depth is composited like a colour.
-            self._splats[:, RED : BLUE + 1] = self._splats[:, DEPTH : DEPTH + 1]
+            splats = self._buffers.splats
+            splats[:, RED : BLUE + 1] = splats[:, DEPTH : DEPTH + 1]
             total = self._rasterize(view, raster.lists, np.zeros(3, np.float32)).image[0]
             expected_depth = np.divide(total, alpha, out=np.zeros_like(alpha), where=alpha > 0.0)
         return Rendering(image, alpha, expected_depth)
@@ -229,7 +229,7 @@ class CpuEngine:
             "gradients by tile": self._intersection_sums.nbytes,
             "statistics": self._statistics.nbytes + self._errors.nbytes,
             "clusters": self._clusters.nbytes,
-            "projected splats": self._splats.nbytes + self._depth_keys.nbytes + 3 * self._order.nbytes,
+            "projected splats": self._buffers.nbytes,
         }
 
     def memory_needed(self, gaussians: int, coefficients: int, photographs: Sequence[tuple[int, int]]) -> MemoryNeed:
@@ -240,52 +240,35 @@ class CpuEngine:
         self, view: View, lens: KernelLens, background: np.ndarray, dropout: Dropout | None = None
     ) -> ForwardPass:
         """Cull → project → drop out → sort → bin → rasterize."""
-        scene, timer = self._store.scene, self.timer
+        scene, buffers, timer = self._store.scene, self._buffers, self.timer
         timer.begins("cull")
         clusters = self._clusters.in_view(scene, view, lens, self._near, self.threads)
         timer.begins("project")
-        project(
-            SceneArrays.of(scene),
-            view,
-            lens,
-            self._near,
-            clusters,
-            self.threads,
-            self._splats,
-            self._depth_keys,
-        )
+        arrays = SceneArrays.of(scene)
+        project(arrays, view, lens, self._near, clusters, self.threads, buffers.splats, buffers.depth_keys)
         if dropout is not None:
             timer.begins("drop out")
-            drop_out(self._depth_keys, dropout.threshold, dropout.seed, self.threads)
+            drop_out(buffers.depth_keys, dropout.threshold, dropout.seed, self.threads)
         timer.begins("sort")
-        visible, order = OVER.order(self._depth_keys, clusters, self._visible, self._order, self._order_scratch)
+        visible, order = OVER.order(buffers.depth_keys, clusters, *buffers.orders)
         timer.begins("bin")
-        lists = self._binner.bin(self._splats, visible, order, view)
+        lists = self._binner.bin(buffers.splats, visible, order, view)
         canvas = self._rasterize(view, lists, background)
         return ForwardPass(clusters, visible, order, lists, canvas)
 
     def _rasterize(self, view: View, lists: TileLists, background: np.ndarray) -> Canvas:
+        """Draw the splats to the canvas, which is made anew for another size of image."""
         if self._canvas is None or self._canvas.shape != (view.height, view.width):
             self._canvas = Canvas(view)
         canvas = self._canvas
         self.timer.begins("rasterize")
-        OVER.forward(
-            self._splats,
-            lists.intersections,
-            lists.ranges,
-            background,
-            TRAINING,
-            self.threads,
-            canvas.image,
-            canvas.transmittance,
-            canvas.drawn_ends,
-        )
+        OVER.forward(self._buffers.splats, lists, background, TRAINING, self.threads, canvas.drawn)
         self.timer.ends()
         return canvas
 
     def _backward(self, view: TrainingView, raster: ForwardPass, settings: StepSettings) -> None:
         """Rasterize backward → project backward: writes the gradients."""
-        self._replay(raster)
+        self._rasterize_backward(raster)
         gradients = self._store.gradients
         self.timer.begins("project backward")
         clear(gradients, self._written, self.threads)
@@ -295,9 +278,9 @@ class CpuEngine:
             view.view,
             view.lens,
             self.threads,
-            self._splats,
+            self._buffers.splats,
             raster.visible,
-            raster.lists.slots,
+            raster.lists,
             LANES,
             self._intersection_sums,
             self._statistics if settings.statistics else self._statistics[:0],
@@ -311,32 +294,19 @@ class CpuEngine:
         if len(self._errors) == 0:
             self._errors = np.zeros(self.count, np.float32)
         self._photographs.write_error(view, raster.canvas, settings)
-        self._replay(raster)
+        self._rasterize_backward(raster)
         self._errors[raster.visible] += error_sums(raster.visible, raster.lists, self._intersection_sums).astype(
             np.float32
         )
 
-    def _replay(self, raster: ForwardPass) -> None:
-        """Rasterize backward, from the canvas's gradient."""
-        lists = raster.lists
-        size = len(lists.intersections) * LANES
+    def _rasterize_backward(self, raster: ForwardPass) -> None:
+        """Write the sums of intersections from the canvas's gradient."""
+        canvas, size = raster.canvas, len(raster.lists.intersections) * LANES
         if len(self._intersection_sums) < size:
             self._intersection_sums = np.empty(size * 5 // 4, np.float32)
         self.timer.begins("rasterize backward")
-        OVER.replay(
-            self._splats,
-            lists.intersections,
-            lists.ranges,
-            raster.canvas.drawn_ends,
-            TRAINING,
-            self.threads,
-            raster.canvas.image,
-            raster.canvas.d_image,
-            raster.canvas.transmittance,
-            _NO_PLANE,
-            False,
-            self._intersection_sums,
-        )
+        kept = self._buffers.splats, raster.lists, TRAINING, self.threads, canvas.drawn
+        OVER.backward(*kept, canvas.d_image, _NO_PLANE, False, self._intersection_sums)
 
     def _update(self, settings: StepSettings, in_view: np.ndarray) -> float:
         """Regularise → Adam; returns the regularisers' value."""

@@ -10,7 +10,7 @@ import numpy as np
 from pocketgs.splat.cpu.bin import TileLists
 from pocketgs.splat.cpu.lanes import LANES
 from pocketgs.splat.cpu.layout import SLOTS_COUNT, SLOTS_FIRST
-from pocketgs.splat.cpu.rasterize_backward import SUM_RED
+from pocketgs.splat.cpu.tile_sums import SUM_RED
 
 
 def write_error(image: np.ndarray, photo: np.ndarray, mask: np.ndarray, d_image: np.ndarray) -> None:

@@ -6,7 +6,7 @@ from pocketgs.system.compile import inlined
 
 
 @inlined
-def hashed(word: int) -> int:
+def pcg_hash(word: int) -> int:
     """32 well-mixed bits of 32 bits (the output function of PCG, Jarzynski and Olano 2020)."""
     state = (word * 747796405 + 2891336453) & 0xFFFFFFFF
     state = (((state >> ((state >> 28) + 4)) ^ state) * 277803737) & 0xFFFFFFFF

@@ -7,7 +7,7 @@ import math
 from numba import prange
 
 from pocketgs.splat.constants import NOISE_STEEPNESS, NOISE_THRESHOLD
-from pocketgs.splat.cpu.hash import hashed
+from pocketgs.splat.cpu.hash import pcg_hash
 from pocketgs.splat.cpu.layout import SceneArrays
 from pocketgs.splat.cpu.vectors import axes_of, dot
 from pocketgs.system.compile import inlined, parallel_kernel, part
@@ -17,8 +17,8 @@ from pocketgs.system.dealing import PIECE, first_piece, take
 @part
 def _normal(seed: int, row: int, number: int) -> float:
     """A standard normal number, a pure function of its arguments (Box and Muller 1958)."""
-    word = hashed(hashed(hashed(seed & 0xFFFFFFFF) ^ row) ^ number)
-    other = hashed(word ^ 0x9E3779B9)
+    word = pcg_hash(pcg_hash(pcg_hash(seed & 0xFFFFFFFF) ^ row) ^ number)
+    other = pcg_hash(word ^ 0x9E3779B9)
     uniform = (word + 1.0) / 4294967296.0
     return math.sqrt(-2.0 * math.log(uniform)) * math.cos(2.0 * math.pi * other / 4294967296.0)
 

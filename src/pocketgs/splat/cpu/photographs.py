@@ -12,9 +12,10 @@ from pocketgs.splat.checks import check_masks
 from pocketgs.splat.colours import UPDATES, check_transforms, no_transforms, transforms_of
 from pocketgs.splat.cpu.colours import transform, transform_backward
 from pocketgs.splat.cpu.errors import write_error
-from pocketgs.splat.cpu.layout import View
+from pocketgs.splat.cpu.layout import COLOURS, View
 from pocketgs.splat.cpu.lenses.lens import KernelLens, kernel_lens
 from pocketgs.splat.cpu.loss import photometric
+from pocketgs.splat.cpu.tile_image import TileImage
 from pocketgs.splat.reference.colours import learn_transform
 from pocketgs.splat.settings import LossSettings, StepSettings
 
@@ -24,11 +25,10 @@ class Canvas:
 
     def __init__(self, view: View) -> None:
         self.shape = (view.height, view.width)
-        self.image = np.empty((3, *self.shape), np.float32)
-        self.transmittance = np.empty(self.shape, np.float32)
-        self.drawn_ends = np.empty(view.tiles, np.int32)
+        self.drawn = TileImage.empty(view, COLOURS)
+        self.image, self.transmittance = self.drawn.image, self.drawn.transmittance
         self.d_image = np.empty_like(self.image)
-        self.row_losses = np.empty((3, view.height), np.float32)
+        self.row_losses = np.empty((COLOURS, view.height), np.float32)
         self.transformed = np.empty((0, *self.shape), np.float32)
         """The image after the photograph's colour transform, if transforms are learned."""
 

@@ -10,6 +10,7 @@ from numba import prange
 from pocketgs.splat.constants import (
     ALPHA_MIN,
     BRIGHTEST,
+    CULLED,
     LOW_PASS,
     MAX_VARIANCE,
     MIN_DETERMINANT,
@@ -30,7 +31,7 @@ from pocketgs.splat.cpu.layout import (
     View,
 )
 from pocketgs.splat.cpu.lenses.formulas import centre_of, depth_of, jacobian_at, shows
-from pocketgs.splat.cpu.lenses.jacobians import Jacobian, along
+from pocketgs.splat.cpu.lenses.jacobians import Jacobian, Pair, along
 from pocketgs.splat.cpu.lenses.lens import KernelLens
 from pocketgs.splat.cpu.spherical_harmonics import sh_basis
 from pocketgs.splat.cpu.vectors import Vector, axes_of, scaled, times
@@ -38,8 +39,6 @@ from pocketgs.system.compile import inlined, parallel_kernel, part
 from pocketgs.system.dealing import first_piece, take
 
 LOG2_E = 1.0 / math.log(2.0)
-CULLED = np.uint32(0xFFFFFFFF)
-"""Depth key of a Gaussian that is not visible."""
 
 
 @inlined
@@ -50,17 +49,24 @@ def to_camera(view: View, mean: np.ndarray) -> Vector:
 
 
 @inlined
-def footprint(view: View, jacobian: Jacobian, axis: Vector, scale: float) -> tuple[Vector, tuple[float, float]]:
-    """One axis of the Gaussian in camera space (3 numbers), and projected (2 numbers).
-
-    The projected covariance is the sum of the outer products of the three projected axes with themselves.
-    """
+def footprint(view: View, jacobian: Jacobian, axis: Vector, scale: float) -> tuple[Vector, Pair]:
+    """One axis of the Gaussian in camera space (3 numbers), and projected (2 numbers)."""
     a = times(view.rotation, scaled(axis, scale))
     return a, along(jacobian, a)
 
 
 @inlined
-def sharp_determinant(p: tuple[float, float], q: tuple[float, float], r: tuple[float, float]) -> float:
+def sharp_covariance(p: Pair, q: Pair, r: Pair) -> tuple[float, float, float]:
+    """Σ' - 0.3 I from the three projected axes: xx, xy and yy of the sum of their outer products with themselves."""
+    return (
+        p[0] * p[0] + q[0] * q[0] + r[0] * r[0],
+        p[0] * p[1] + q[0] * q[1] + r[0] * r[1],
+        p[1] * p[1] + q[1] * q[1] + r[1] * r[1],
+    )
+
+
+@inlined
+def sharp_determinant(p: Pair, q: Pair, r: Pair) -> float:
     """Det of Σ' - 0.3 I from the three projected axes: the sum of their squared areas, which avoids cancellation."""
     pq, qr, rp = p[0] * q[1] - p[1] * q[0], q[0] * r[1] - q[1] * r[0], r[0] * p[1] - r[1] * p[0]
     return pq * pq + qr * qr + rp * rp
@@ -97,9 +103,8 @@ def _project_shape(
     _, p = footprint(view, jacobian, axes[0], scales[0])
     _, q = footprint(view, jacobian, axes[1], scales[1])
     _, r = footprint(view, jacobian, axes[2], scales[2])
-    xx = p[0] * p[0] + q[0] * q[0] + r[0] * r[0] + LOW_PASS
-    xy = p[0] * p[1] + q[0] * q[1] + r[0] * r[1]
-    yy = p[1] * p[1] + q[1] * q[1] + r[1] * r[1] + LOW_PASS
+    xx, xy, yy = sharp_covariance(p, q, r)
+    xx, yy = xx + LOW_PASS, yy + LOW_PASS
     mean_x, mean_y = centre_of(view, lens, local)
     determinant = xx * yy - xy * xy
     if view.antialiased:

@@ -12,6 +12,7 @@ import numpy as np
 from numba import prange
 
 from pocketgs.splat.constants import LOW_PASS
+from pocketgs.splat.cpu.bin import TileLists
 from pocketgs.splat.cpu.exp2 import exp
 from pocketgs.splat.cpu.lanes import LANES, Floats, broadcast, load, square_root, store
 from pocketgs.splat.cpu.layout import (
@@ -34,8 +35,10 @@ from pocketgs.splat.cpu.layout import (
 from pocketgs.splat.cpu.lenses.formulas import jacobian_at, position_backward
 from pocketgs.splat.cpu.lenses.jacobians import Jacobian, back_along, no_gradient, with_product
 from pocketgs.splat.cpu.lenses.lens import KernelLens
-from pocketgs.splat.cpu.project import direction_to, footprint, sharp_determinant
-from pocketgs.splat.cpu.rasterize_backward import (
+from pocketgs.splat.cpu.project import direction_to, footprint, sharp_covariance, sharp_determinant
+from pocketgs.splat.cpu.spherical_harmonics import sh_basis, sh_basis_gradient
+from pocketgs.splat.cpu.statistics import collect
+from pocketgs.splat.cpu.tile_sums import (
     SUM_ABSOLUTE_X,
     SUM_EXPONENT,
     SUM_RED,
@@ -45,8 +48,6 @@ from pocketgs.splat.cpu.rasterize_backward import (
     SUM_Y,
     SUM_YY,
 )
-from pocketgs.splat.cpu.spherical_harmonics import sh_basis, sh_basis_gradient
-from pocketgs.splat.cpu.statistics import collect
 from pocketgs.splat.cpu.vectors import Vector, axes_of, dot, scaled, times, transposed_times
 from pocketgs.system.compile import inlined, parallel_kernel, part
 from pocketgs.system.dealing import PIECE, first_piece, take
@@ -175,9 +176,7 @@ def _compensation_backward(
     _, q = footprint(view, jacobian, axes[1], exp(_column(block, _LOG_SCALE + 1)))
     _, r = footprint(view, jacobian, axes[2], exp(_column(block, _LOG_SCALE + 2)))
     sharp = sharp_determinant(p, q, r)
-    xx = p[0] * p[0] + q[0] * q[0] + r[0] * r[0]
-    xy = p[0] * p[1] + q[0] * q[1] + r[0] * r[1]
-    yy = p[1] * p[1] + q[1] * q[1] + r[1] * r[1]
+    xx, xy, yy = sharp_covariance(p, q, r)
     # det Σ' = det S + 0.3 trace S + 0.3².
     blurred = sharp + (xx + yy) * LOW_PASS + LOW_PASS * LOW_PASS
     half = _column(block, _SUMS + SUM_EXPONENT) * 0.5
@@ -259,7 +258,7 @@ def _project_range_backward(
     lens: KernelLens,
     visible: np.ndarray,
     splats: np.ndarray,
-    slots: np.ndarray,
+    lists: TileLists,
     row: int,
     intersection_sums: np.ndarray,
     statistics: np.ndarray,
@@ -274,7 +273,7 @@ def _project_range_backward(
         count = min(LANES, len(visible) - first)
         for lane in range(count):
             i = visible[first + lane]
-            _add_up(intersection_sums, slots[i], row, totals[lane])
+            _add_up(intersection_sums, lists.slots[i], row, totals[lane])
             _read(i, lane, scene, splats, totals[lane], block)
         _block_backward(view, lens, block)
         for lane in range(count):
@@ -304,7 +303,7 @@ def project_backward(
     threads: int,
     splats: np.ndarray,
     visible: np.ndarray,
-    slots: np.ndarray,
+    lists: TileLists,
     row: int,
     intersection_sums: np.ndarray,
     statistics: np.ndarray,
@@ -321,7 +320,7 @@ def project_backward(
         threads: number of threads.
         splats: from `project`.
         visible: (V,) the visible Gaussians, in memory order.
-        slots: (N, 2) int32 of `TileLists`.
+        lists: of the image.
         row: length of a row of `intersection_sums`.
         intersection_sums: from `rasterize_backward`.
         statistics: (N, STATISTICS) float32 sums, updated where visible, or (0, STATISTICS) for none.
@@ -340,7 +339,7 @@ def project_backward(
                 lens,
                 visible[first : first + PIECE],
                 splats,
-                slots,
+                lists,
                 row,
                 intersection_sums,
                 statistics,

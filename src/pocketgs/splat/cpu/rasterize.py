@@ -5,16 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numba import prange
 
+from pocketgs.splat.cpu.bin import TileLists
 from pocketgs.splat.cpu.lanes import LANES, broadcast, load, prefetch, select, store
-from pocketgs.splat.cpu.layout import (
-    FIRST_CHANNEL,
-    INTERSECTION_ROWS,
-    INTERSECTION_SPLAT,
-    TILE_HEIGHT,
-    TILE_PIXELS,
-    TILE_WIDTH,
-)
+from pocketgs.splat.cpu.layout import FIRST_CHANNEL, INTERSECTION_ROWS, INTERSECTION_SPLAT, TILE_PIXELS
 from pocketgs.splat.cpu.tile import (
+    AHEAD,
     ZERO,
     alpha_at,
     column_offsets,
@@ -26,12 +21,10 @@ from pocketgs.splat.cpu.tile import (
     origin,
     row_offsets,
 )
+from pocketgs.splat.cpu.tile_image import TileImage, write_over
 from pocketgs.splat.limits import Limits
-from pocketgs.system.compile import inlined, parallel_kernel, part
+from pocketgs.system.compile import inlined, parallel_kernel
 from pocketgs.system.dealing import first_piece, take
-
-AHEAD = 4
-"""Number of intersections to prefetch ahead."""
 
 # Testing a whole tile for saturation costs about as much as drawing one splat.
 INTERSECTIONS_PER_CHECK = 16
@@ -66,71 +59,34 @@ def _draw(
             store(colours, place, load(colours, place) + weight * splat[FIRST_CHANNEL + channel])
 
 
-@part
-def write_tile(tile_pixels: np.ndarray, left: int, top: int, image: np.ndarray) -> None:
-    """Copy the part of a tile inside the image to it."""
-    for row in range(min(TILE_HEIGHT, image.shape[0] - top)):
-        for column in range(min(TILE_WIDTH, image.shape[1] - left)):
-            image[top + row, left + column] = tile_pixels[row * TILE_WIDTH + column]
-
-
-@part
-def write_over(
-    background: np.ndarray,
-    left: int,
-    top: int,
-    transmittance: np.ndarray,
-    colours: np.ndarray,
-    transmittance_image: np.ndarray,
-    image: np.ndarray,
-) -> None:
-    """Copy a tile to the images of transmittance and channels, blended over the background."""
-    write_tile(transmittance, left, top, transmittance_image)
-    for channel in range(image.shape[0]):
-        plane = colours[channel * TILE_PIXELS : (channel + 1) * TILE_PIXELS]
-        for pixel in range(TILE_PIXELS):
-            plane[pixel] += transmittance[pixel] * background[channel]
-        write_tile(plane, left, top, image[channel])
-
-
 @parallel_kernel
 def rasterize(
-    splats: np.ndarray,
-    intersections: np.ndarray,
-    ranges: np.ndarray,
-    background: np.ndarray,
-    limits: Limits,
-    threads: int,
-    image: np.ndarray,
-    transmittance_image: np.ndarray,
-    drawn_ends: np.ndarray,
+    splats: np.ndarray, lists: TileLists, background: np.ndarray, limits: Limits, threads: int, drawn: TileImage
 ) -> None:
     """Draw all tiles.
 
     Args:
         splats: (N, FIRST_CHANNEL + C) from `project`.
-        intersections: (E, INTERSECTION_FIELDS) int32, the tile lists; see `TileLists`.
-        ranges: (tiles + 1,) int32, start of each tile's intersections.
+        lists: of the image.
         background: (C,) float32.
         limits: of compositing.
         threads: number of threads.
-        image: (C, H, W) float32, written.
-        transmittance_image: (H, W) float32, written.
-        drawn_ends: (tiles,) int32, written: one past the last intersection drawn before the tile saturated.
+        drawn: written.
     """
-    channels, height = image.shape[:2]
+    channels, height = drawn.image.shape[:2]
     counter = first_piece()
     for _ in prange(threads):
         transmittance, colours = np.empty(TILE_PIXELS, np.float32), np.empty(channels * TILE_PIXELS, np.float32)
         tile = take(counter)
-        while tile < len(drawn_ends):
+        while tile < len(drawn.drawn_ends):
             left, top = origin(tile, height)
             transmittance[:], colours[:] = 1.0, 0.0
-            end = ranges[tile + 1]
-            for index in range(ranges[tile], ranges[tile + 1]):
-                intersection = intersections[index]
-                if index + AHEAD < ranges[tile + 1]:
-                    prefetch(splats, intersections[index + AHEAD, INTERSECTION_SPLAT])
+            first = lists.ranges[tile]
+            end = listed = lists.ranges[tile + 1]
+            for index in range(first, listed):
+                intersection = lists.intersections[index]
+                if index + AHEAD < listed:
+                    prefetch(splats, lists.intersections[index + AHEAD, INTERSECTION_SPLAT])
                 splat, rows = splats[intersection[INTERSECTION_SPLAT]], intersection[INTERSECTION_ROWS]
                 # A constant lets the compiler remove unused branches.
                 if limits.stops_before:
@@ -140,8 +96,7 @@ def rasterize(
                 if index % INTERSECTIONS_PER_CHECK == 0 and is_saturated(transmittance):
                     end = index + 1
                     break
-            drawn_ends[tile] = end
             if limits.stops_before:
                 forget_full_pixels(transmittance)
-            write_over(background, left, top, transmittance, colours, transmittance_image, image)
+            write_over(tile, end, background, transmittance, colours, drawn)
             tile = take(counter)

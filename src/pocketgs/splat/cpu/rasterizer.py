@@ -33,8 +33,10 @@ from pocketgs.splat.cpu.layout import (
 from pocketgs.splat.cpu.lenses.lens import KernelLens, kernel_lens
 from pocketgs.splat.cpu.project import project
 from pocketgs.splat.cpu.project_backward import project_backward
-from pocketgs.splat.cpu.rasterize_backward import sums_per_intersection
+from pocketgs.splat.cpu.splat_buffers import SplatBuffers
 from pocketgs.splat.cpu.statistics import STATISTICS
+from pocketgs.splat.cpu.tile_image import TileImage
+from pocketgs.splat.cpu.tile_sums import sums_per_intersection
 from pocketgs.splat.diverged import suspects, without_diverged
 from pocketgs.splat.ellipse import half_sizes
 from pocketgs.splat.limits import TRAINING
@@ -45,6 +47,20 @@ _NO_STATISTICS = np.empty((0, STATISTICS), np.float32)
 
 @dataclass(frozen=True)
 class _Tape:
+    """State of an image for the passes that follow.
+
+    Attributes:
+        scene: the Gaussians; K = 0 if their colours were not composited.
+        coefficients: K of the Gaussians themselves.
+        view: the camera.
+        lens: of the camera.
+        channels: number of channels asked for; the image has at least three.
+        splats: (N, FIRST_CHANNEL + C) from `project`.
+        visible: (V,) int32 Gaussians that are drawn, in memory order.
+        lists: their tile lists.
+        drawn: the image.
+    """
+
     scene: SceneArrays
     coefficients: int
     view: View
@@ -53,9 +69,14 @@ class _Tape:
     splats: np.ndarray
     visible: np.ndarray
     lists: TileLists
-    image: np.ndarray
-    transmittance: np.ndarray
-    drawn_ends: np.ndarray
+    drawn: TileImage
+
+
+def _scene_of(parameters: Parameters, camera: Camera, colours: bool) -> Gaussians:
+    """The Gaussians with unit quaternions; without colours, those whose colour has diverged are transparent."""
+    scene = Gaussians(*(getattr(parameters, name) for name in PARAMETERS))
+    scene.quaternions = np.ascontiguousarray(scene.unit_quaternions)
+    return scene if colours else without_diverged(scene, suspects(scene), camera)
 
 
 def _copied(lists: TileLists) -> TileLists:
@@ -89,55 +110,37 @@ class CpuBackend:
     ) -> Composite:
         """Project → order → bin → rasterize."""
         numba.set_num_threads(self.threads)
-        scene = Gaussians(*(getattr(parameters, name) for name in PARAMETERS))
-        scene.quaternions = np.ascontiguousarray(scene.unit_quaternions)
+        scene = _scene_of(parameters, camera, colours)
+        arrays, count = SceneArrays.of(scene), len(scene)
         if not colours:
-            scene = without_diverged(scene, suspects(scene), camera)
-        arrays = SceneArrays.of(scene)
-        if not colours:
-            arrays = arrays._replace(sh=np.empty((len(scene), 0, 3), np.float32))
-        view, lens, count = View.of(camera, antialiased), kernel_lens(camera), len(scene)
+            arrays = arrays._replace(sh=np.empty((count, 0, 3), np.float32))
+        view, lens = View.of(camera, antialiased), kernel_lens(camera)
         shown = COLOURS if colours else 0
         composited = shown + channels.shape[1]
         # The backward pass needs at least three channels.
-        splats = np.zeros((count, FIRST_CHANNEL + max(composited, COLOURS)), np.float32)
+        buffers = SplatBuffers(count, max(composited, COLOURS))
+        splats = buffers.splats
         splats[:, FIRST_CHANNEL + shown : FIRST_CHANNEL + composited] = channels
-        depth_keys, buffers = np.zeros(count, np.uint32), np.zeros((3, count), np.int32)
         clusters = Clusters(count).in_view(scene, view, lens, near, self.threads)
-        project(
-            arrays,
-            view,
-            lens,
-            near,
-            clusters,
-            self.threads,
-            splats,
-            depth_keys,
-        )
-        visible, order = self._compositor.order(depth_keys, clusters, *buffers)
+        project(arrays, view, lens, near, clusters, self.threads, splats, buffers.depth_keys)
+        visible, order = self._compositor.order(buffers.depth_keys, clusters, *buffers.orders)
         lists = _copied(self._binner.bin(splats, visible, order, view))
-        shape = (view.height, view.width)
-        image = np.empty((splats.shape[1] - FIRST_CHANNEL, *shape), np.float32)
-        transmittance, drawn_ends = np.empty(shape, np.float32), np.empty(view.tiles, np.int32)
-        background = np.zeros(len(image), np.float32)
-        self._compositor.forward(
-            splats,
-            lists.intersections,
-            lists.ranges,
-            background,
-            TRAINING,
-            self.threads,
-            image,
-            transmittance,
-            drawn_ends,
-        )
-        drawn = splats[visible]
-        radii = half_sizes(drawn[:, LOG2_OPACITY], drawn[:, EXPONENT_XX : EXPONENT_YY + 1])
-        coefficients = scene.sh.shape[1]
+        drawn = TileImage.empty(view, max(composited, COLOURS))
+        black = np.zeros(len(drawn.image), np.float32)
+        self._compositor.forward(splats, lists, black, TRAINING, self.threads, drawn)
+        shapes = splats[visible, LOG2_OPACITY], splats[visible, EXPONENT_XX : EXPONENT_YY + 1]
         tape = _Tape(
-            arrays, coefficients, view, lens, composited, splats, visible, lists, image, transmittance, drawn_ends
+            scene=arrays,
+            coefficients=scene.sh.shape[1],
+            view=view,
+            lens=lens,
+            channels=composited,
+            splats=splats,
+            visible=visible,
+            lists=lists,
+            drawn=drawn,
         )
-        return Composite(image[:composited], transmittance, visible, radii, tape)
+        return Composite(drawn.image[:composited], drawn.transmittance, visible, half_sizes(*shapes), tape)
 
     def backward(
         self, composite: Composite, d_image: np.ndarray, d_transmittance: np.ndarray, absolute: bool
@@ -145,28 +148,19 @@ class CpuBackend:
         """Rasterize backward → project backward."""
         numba.set_num_threads(self.threads)
         tape: _Tape = composite.tape
-        lists = tape.lists
-        d_channel_images = np.zeros_like(tape.image)
+        d_channel_images = np.zeros_like(tape.drawn.image)
         d_channel_images[: tape.channels] = d_image
-        row = sums_per_intersection(len(tape.image))
-        intersection_sums = np.empty(len(lists.intersections) * row, np.float32)
-        self._compositor.replay(
-            tape.splats,
-            lists.intersections,
-            lists.ranges,
-            tape.drawn_ends,
-            TRAINING,
-            self.threads,
-            tape.image,
-            d_channel_images,
-            tape.transmittance,
-            d_transmittance,
-            absolute,
-            intersection_sums,
-        )
+        row = sums_per_intersection(len(d_channel_images))
+        intersection_sums = np.empty(len(tape.lists.intersections) * row, np.float32)
+        kept = tape.splats, tape.lists, TRAINING, self.threads, tape.drawn
+        self._compositor.backward(*kept, d_channel_images, d_transmittance, absolute, intersection_sums)
+        return self._project_backward(tape, row, intersection_sums)
+
+    def _project_backward(self, tape: _Tape, row: int, intersection_sums: np.ndarray) -> CompositeGradient:
+        """Gradients of the Gaussians from rows of sums of their intersections."""
         count, coefficients = len(tape.scene.means), tape.coefficients
         gradients = np.zeros((count, GRADIENT_SH + 3 * coefficients), np.float32)
-        centres, channels = np.zeros((count, 4), np.float32), np.zeros((count, len(tape.image)), np.float32)
+        centres, channels = np.zeros((count, 4), np.float32), np.zeros((count, len(tape.drawn.image)), np.float32)
         project_backward(
             tape.scene,
             tape.view,
@@ -174,7 +168,7 @@ class CpuBackend:
             self.threads,
             tape.splats,
             tape.visible,
-            lists.slots,
+            tape.lists,
             row,
             intersection_sums,
             _NO_STATISTICS,
@@ -183,14 +177,14 @@ class CpuBackend:
             channels,
         )
         return CompositeGradient(
-            gradients[:, GRADIENT_MEAN:GRADIENT_LOG_SCALE],
-            gradients[:, GRADIENT_LOG_SCALE:GRADIENT_ROTATION],
-            gradients[:, GRADIENT_ROTATION:GRADIENT_OPACITY],
-            gradients[:, GRADIENT_OPACITY],
-            gradients[:, GRADIENT_SH:].reshape(count, coefficients, 3),
-            channels[:, : tape.channels],
-            centres[:, :2],
-            centres[:, 2:],
+            means=gradients[:, GRADIENT_MEAN:GRADIENT_LOG_SCALE],
+            log_scales=gradients[:, GRADIENT_LOG_SCALE:GRADIENT_ROTATION],
+            rotations=gradients[:, GRADIENT_ROTATION:GRADIENT_OPACITY],
+            opacity_logits=gradients[:, GRADIENT_OPACITY],
+            sh=gradients[:, GRADIENT_SH:].reshape(count, coefficients, 3),
+            channels=channels[:, : tape.channels],
+            centres=centres[:, :2],
+            absolute_centres=centres[:, 2:],
         )
 
     def inspect(self, composite: Composite) -> tuple[Contributions, np.ndarray]:
@@ -199,21 +193,12 @@ class CpuBackend:
         tape: _Tape = composite.tape
         assert self._compositor.inspect is not None
         by_intersection = np.zeros((len(tape.lists.intersections), 3), np.float32)
-        median = np.empty_like(tape.transmittance)
-        self._compositor.inspect(
-            tape.splats,
-            tape.lists.intersections,
-            tape.lists.ranges,
-            tape.drawn_ends,
-            tape.view.width,
-            self.threads,
-            by_intersection,
-            median,
-        )
+        median = np.empty_like(tape.drawn.transmittance)
+        self._compositor.inspect(tape.splats, tape.lists, tape.drawn, self.threads, by_intersection, median)
         found = np.zeros((len(tape.scene.means), 3), np.float32)
         gather_contributions(tape.visible, tape.lists.slots, by_intersection, found)
         pixels, largest, summed = (found[:, column].copy() for column in (PIXELS, LARGEST, SUMMED))
-        return Contributions(pixels.astype(np.int32), largest, summed), median
+        return Contributions(pixels=pixels.astype(np.int32), largest=largest, summed=summed), median
 
     def contributions(self, parameters: Parameters, cameras: Iterable[Camera], near: float) -> Iterator[Contributions]:
         """Contributions of each Gaussian to each camera's image, in turn."""

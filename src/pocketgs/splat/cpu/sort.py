@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from pocketgs.splat.constants import CULLED
 from pocketgs.splat.cpu.layout import CLUSTER
-from pocketgs.splat.cpu.project import CULLED
 from pocketgs.system.compile import kernel
 
 _DIGIT_BITS = 11

@@ -1,4 +1,4 @@
-"""Real spherical harmonics for kernels; see `splat/reference/spherical_harmonics.py` for the order and signs."""
+"""Real spherical harmonics for kernels; see `scene/spherical_harmonics.py` for the order and signs."""
 
 from __future__ import annotations
 

@@ -1,10 +1,9 @@
-"""Add up the splats of every tile, in whatever order they are listed: C = Σ c_i α_i + T · background, T = Π (1 - α_i).
+"""Add up the splats of each tile, in any order: C = Σ c_i α_i + T · background, T = Π (1 - α_i).
 
-No splat hides another and no pixel is ever full, so nothing has to be sorted by depth. α_i counts from the cut of 1/255
-on, so that a splat comes into a pixel little by little: nothing that is in front of it takes it back.
+No splat hides another and no pixel is ever full, so splats need not be sorted by depth. Here α_i is what exceeds
+1/255, so that it is continuous where a splat's edge moves across a pixel.
 
-The gradient needs no replay in order either: ∂L/∂α_i = c_i · ∂L/∂C - T / (1 - α_i) ∂L/∂T takes the finished pixel's T
-alone.
+The gradient needs no replay: ∂L/∂α_i = c_i · ∂L/∂C - T / (1 - α_i) ∂L/∂T depends only on the finished pixel's T.
 """
 
 from __future__ import annotations
@@ -13,6 +12,7 @@ import numpy as np
 from numba import prange
 
 from pocketgs.splat.constants import ALPHA_MIN
+from pocketgs.splat.cpu.bin import TileLists
 from pocketgs.splat.cpu.lanes import LANES, Floats, broadcast, load, prefetch, select, store
 from pocketgs.splat.cpu.layout import (
     COLOURS,
@@ -22,17 +22,8 @@ from pocketgs.splat.cpu.layout import (
     INTERSECTION_SPLAT,
     TILE_PIXELS,
 )
-from pocketgs.splat.cpu.rasterize import AHEAD, write_over
-from pocketgs.splat.cpu.rasterize_backward import (
-    add_product,
-    pulls,
-    read_tile,
-    summed_up,
-    sums_per_intersection,
-    take_gradient,
-    write_sums,
-)
 from pocketgs.splat.cpu.tile import (
+    AHEAD,
     ONE,
     ZERO,
     alpha_at,
@@ -41,6 +32,16 @@ from pocketgs.splat.cpu.tile import (
     first_and_end_pixel,
     origin,
     row_offsets,
+)
+from pocketgs.splat.cpu.tile_image import TileImage, add_product, read_tile, write_over
+from pocketgs.splat.cpu.tile_sums import (
+    no_sums,
+    summed_up,
+    sums_per_intersection,
+    take_gradient,
+    with_pixels,
+    with_pulls,
+    write_sums,
 )
 from pocketgs.splat.limits import Limits
 from pocketgs.system.compile import inlined, parallel_kernel
@@ -82,36 +83,29 @@ def _add(
 
 @parallel_kernel
 def add_up(
-    splats: np.ndarray,
-    intersections: np.ndarray,
-    ranges: np.ndarray,
-    background: np.ndarray,
-    limits: Limits,
-    threads: int,
-    image: np.ndarray,
-    transmittance_image: np.ndarray,
-    drawn_ends: np.ndarray,
+    splats: np.ndarray, lists: TileLists, background: np.ndarray, limits: Limits, threads: int, drawn: TileImage
 ) -> None:
-    """Draw every tile. Arguments as `rasterize` has them; of the limits, only `most_opaque` counts."""
-    channels, height = image.shape[:2]
+    """Draw all tiles. Arguments as those of `rasterize`; of the limits, only `most_opaque` counts."""
+    channels, height = drawn.image.shape[:2]
     counter = first_piece()
     for _ in prange(threads):
         transmittance, totals = np.empty(TILE_PIXELS, np.float32), np.empty(channels * TILE_PIXELS, np.float32)
         tile = take(counter)
-        while tile < len(drawn_ends):
+        while tile < len(drawn.drawn_ends):
             left, top = origin(tile, height)
             transmittance[:], totals[:] = 1.0, 0.0
-            for index in range(ranges[tile], ranges[tile + 1]):
-                intersection = intersections[index]
-                if index + AHEAD < ranges[tile + 1]:
-                    prefetch(splats, intersections[index + AHEAD, INTERSECTION_SPLAT])
+            end = lists.ranges[tile + 1]
+            for index in range(lists.ranges[tile], end):
+                intersection = lists.intersections[index]
+                if index + AHEAD < end:
+                    prefetch(splats, lists.intersections[index + AHEAD, INTERSECTION_SPLAT])
                 splat, rows = splats[intersection[INTERSECTION_SPLAT]], intersection[INTERSECTION_ROWS]
+                # A constant lets the compiler unroll the loop over channels.
                 if channels == _WEIGHTED:
                     _add(splat, rows, left, top, _WEIGHTED, limits.most_opaque, transmittance, totals)
                 else:
                     _add(splat, rows, left, top, channels, limits.most_opaque, transmittance, totals)
-            drawn_ends[tile] = ranges[tile + 1]
-            write_over(background, left, top, transmittance, totals, transmittance_image, image)
+            write_over(tile, end, background, transmittance, totals, drawn)
             tile = take(counter)
 
 
@@ -128,48 +122,39 @@ def _add_backward(
     d_totals: np.ndarray,
     more_sums: np.ndarray,
 ) -> Floats:
-    """One splat in one tile; returns the vector of its sums, see `rasterize_backward`."""
+    """One splat in one tile; returns the vector of its sums."""
     dx = column_offsets(splat, left)
     terms = exponent_terms(splat, dx)
-    v_sum = vy_sum = vyy_sum = red_sum = green_sum = blue_sum = absolute_x = absolute_y = broadcast(ZERO)
-    for channel in range(COLOURS, channels):
-        store(more_sums, (channel - COLOURS) * LANES, broadcast(ZERO))
+    found, pulled = no_sums(channels, more_sums)
     first, end = first_and_end_pixel(rows)
     for pixel in range(first, end, LANES):
         dy = row_offsets(splat, top, pixel)
         unclamped, drawn = alpha_at(terms, dy, broadcast(ONE), most_opaque)
         alpha = _beyond_cut(drawn)
-        r, g, b, product = take_gradient(splat, pixel, channels, alpha, d_totals, more_sums)
-        # By the logarithm of what is drawn, which is more by the cut; it is flat where it is clamped.
+        d_colour, product = take_gradient(splat, pixel, channels, alpha, d_totals, more_sums)
+        # ∂L/∂(ln drawn) = drawn ∂L/∂α; 0 where it is clamped.
         v = drawn * (product - load(behind, pixel) / (ONE - alpha))
         v = select(unclamped < broadcast(most_opaque), v, broadcast(ZERO))
-        vy = v * dy
-        v_sum, vy_sum, vyy_sum = v_sum + v, vy_sum + vy, vyy_sum + vy * dy
-        red_sum, green_sum, blue_sum = red_sum + alpha * r, green_sum + alpha * g, blue_sum + alpha * b
+        found = with_pixels(found, dy, v, alpha, d_colour)
         if absolute:
-            pull_x, pull_y = pulls(splat, dx, dy, v)
-            absolute_x, absolute_y = absolute_x + pull_x, absolute_y + pull_y
-    colours = (red_sum, green_sum, blue_sum)
-    return summed_up(dx, (v_sum, vy_sum, vyy_sum), colours, absolute, (absolute_x, absolute_y))
+            pulled = with_pulls(pulled, splat, dx, dy, v)
+    return summed_up(dx, found, absolute, pulled)
 
 
 @parallel_kernel
 def add_up_backward(
     splats: np.ndarray,
-    intersections: np.ndarray,
-    ranges: np.ndarray,
-    drawn_ends: np.ndarray,
+    lists: TileLists,
     limits: Limits,
     threads: int,
-    image: np.ndarray,
+    drawn: TileImage,
     d_image: np.ndarray,
-    transmittance_image: np.ndarray,
     d_transmittance: np.ndarray,
     absolute: bool,
     intersection_sums: np.ndarray,
 ) -> None:
-    """Go through every tile. Arguments as `rasterize_backward` has them, for an image over a background of 0."""
-    channels, height = image.shape[:2]
+    """Differentiate all tiles. Arguments as those of `rasterize_backward`, for an image over a background of 0."""
+    channels, height = drawn.image.shape[:2]
     row = sums_per_intersection(channels)
     counter = first_piece()
     for _ in prange(threads):
@@ -177,20 +162,21 @@ def add_up_backward(
         d_totals = np.empty(channels * TILE_PIXELS, np.float32)
         more_sums = np.empty((channels - COLOURS) * LANES, np.float32)
         tile = take(counter)
-        while tile < len(drawn_ends):
+        while tile < len(drawn.drawn_ends):
             left, top = origin(tile, height)
             behind[:] = 0.0
             for channel in range(channels):
                 read_tile(d_image[channel], left, top, d_totals[channel * TILE_PIXELS : (channel + 1) * TILE_PIXELS])
             if d_transmittance.size:
-                add_product(transmittance_image, d_transmittance, left, top, behind)
-            for index in range(ranges[tile], ranges[tile + 1]):
-                intersection = intersections[index]
-                if index + AHEAD < ranges[tile + 1]:
-                    prefetch(splats, intersections[index + AHEAD, INTERSECTION_SPLAT])
+                add_product(drawn.transmittance, d_transmittance, left, top, behind)
+            end = lists.ranges[tile + 1]
+            for index in range(lists.ranges[tile], end):
+                intersection = lists.intersections[index]
+                if index + AHEAD < end:
+                    prefetch(splats, lists.intersections[index + AHEAD, INTERSECTION_SPLAT])
                 splat, rows = splats[intersection[INTERSECTION_SPLAT]], intersection[INTERSECTION_ROWS]
                 first, most_opaque = intersection[INTERSECTION_SLOT] * row, limits.most_opaque
-                # With constants the compiler leaves out the rest.
+                # Constants let the compiler remove unused branches.
                 if channels == _WEIGHTED and not absolute:
                     total = _add_backward(
                         splat, rows, left, top, _WEIGHTED, False, most_opaque, behind, d_totals, more_sums

@@ -22,6 +22,9 @@ from pocketgs.splat.cpu.layout import (
 )
 from pocketgs.system.compile import inlined, part
 
+AHEAD = 4
+"""Number of intersections to prefetch ahead."""
+
 ROWS_PER_VECTOR = LANES // TILE_WIDTH
 ZERO = np.float32(0.0)
 ONE = np.float32(1.0)

@@ -20,13 +20,13 @@ class Compositor:
     Attributes:
         name: of the rule.
         forward: with the arguments of `rasterize`.
-        replay: with the arguments of `rasterize_backward`.
+        backward: with the arguments of `rasterize_backward`.
         inspect: with the arguments of `contributions`, or None for a rule without occlusion.
     """
 
     name: str
     forward: Callable[..., Raster]
-    replay: Callable[..., ProjectionGradient]
+    backward: Callable[..., ProjectionGradient]
     inspect: Callable[..., tuple[Contributions, np.ndarray]] | None
 
 

@@ -154,7 +154,7 @@ def contributions(projection: Projection, camera: Camera) -> tuple[Contributions
     The median depth is that of the splat that brings the transmittance below one half, 0 if none does.
     """
     count, shape = len(projection.means), (camera.height, camera.width)
-    found = Contributions(np.zeros(count, int), np.zeros(count), np.zeros(count))
+    found = Contributions(pixels=np.zeros(count, int), largest=np.zeros(count), summed=np.zeros(count))
     transmittance, median = np.ones(shape), np.zeros(shape)
     for contribution in _front_to_back(projection, camera, TRAINING.most_opaque):
         index = contribution.index

@@ -52,7 +52,14 @@ class ReferenceBackend:
         projection = replace(projection, colours=values)
         raster = self._compositor.forward(projection, camera, np.zeros(values.shape[1]))
         visible = np.flatnonzero(projection.visible)
-        tape = _Tape(scene, camera, projection, raster, shown, antialiased)
+        tape = _Tape(
+            scene=scene,
+            camera=camera,
+            projection=projection,
+            raster=raster,
+            colours=shown,
+            antialiased=antialiased,
+        )
         image = np.moveaxis(raster.image, 2, 0)
         return Composite(image, raster.transmittance, visible, projection.radii[visible], tape)
 
@@ -61,21 +68,21 @@ class ReferenceBackend:
     ) -> CompositeGradient:
         """Convert gradients of images to gradients of Gaussians."""
         tape: _Tape = composite.tape
-        found = self._compositor.replay(
+        found = self._compositor.backward(
             tape.projection, tape.camera, tape.raster, np.moveaxis(d_image, 0, 2), d_transmittance
         )
         d_colours = found.colours[:, :3] if tape.colours else np.zeros((len(found.means), 3))
         d_projection = replace(found, colours=d_colours)
         scene = project_backward(tape.scene, tape.camera, tape.projection, d_projection, tape.antialiased)
         return CompositeGradient(
-            scene.means,
-            scene.log_scales,
-            scene.rotations,
-            scene.opacity_logits,
-            scene.sh,
-            found.colours,
-            found.means,
-            found.absolute_means,
+            means=scene.means,
+            log_scales=scene.log_scales,
+            rotations=scene.rotations,
+            opacity_logits=scene.opacity_logits,
+            sh=scene.sh,
+            channels=found.colours,
+            centres=found.means,
+            absolute_centres=found.absolute_means,
         )
 
     def inspect(self, composite: Composite) -> tuple[Contributions, np.ndarray]:

@@ -1,8 +1,8 @@
-"""Add up projected Gaussians: a sum and a product by pixel, which do not depend on any order.
+"""Add up projected Gaussians: a sum and a product at each pixel, which do not depend on any order.
 
-α counts from the cut on, α_i = max(0, min(most, o_i exp(-½ dᵀ Σ'⁻¹ d)) - 1/255), so that it is continuous. Where splats
-hide each other, a faint one that comes in changes a pixel by 1/255 of its colour at most; here it comes with a weight,
-which may be many times that of all others in the pixel.
+α is what exceeds the cut, α_i = max(0, min(most, o_i exp(-½ dᵀ Σ'⁻¹ d)) - 1/255), so that it is continuous. Composited
+front to back, a splat that passes the cut changes a pixel by at most 1/255 of its colour; here it has a weight, which
+may be many times that of all other splats of the pixel.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from pocketgs.splat.reference.rasterize import Raster, no_gradient, set_shape_gr
 
 
 def add_up(projection: Projection, camera: Camera, background: np.ndarray, limits: Limits = TRAINING) -> Raster:
-    """C = Σ c_i α_i + T·background with T = Π (1 - α_i); no pixel is ever full. Arguments as `rasterize` has them."""
+    """C = Σ c_i α_i + T·background with T = Π (1 - α_i); no pixel is ever full. Arguments as those of `rasterize`."""
     shape = (camera.height, camera.width)
     image, depth, transmittance = np.zeros((*shape, len(background))), np.zeros(shape), np.ones(shape)
     for contribution in splats_in(np.arange(len(projection.means)), projection, camera, limits.most_opaque):

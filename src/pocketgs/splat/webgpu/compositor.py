@@ -85,11 +85,11 @@ class SplatCompositor:
         shapes = self._lists.read("shape_gradients", np.float32, SHAPE_GRADIENT_WORDS * count)
         shapes = shapes.reshape(count, SHAPE_GRADIENT_WORDS)
         return SplatGradient(
-            rows[:, :2],
-            rows[:, 2:CENTRE_WORDS],
-            shapes[:, 0],
-            shapes[:, 1:],
-            rows[:, CENTRE_WORDS : CENTRE_WORDS + channels],
+            centres=rows[:, :2],
+            absolute_centres=rows[:, 2:CENTRE_WORDS],
+            log_opacities=shapes[:, 0],
+            moments=shapes[:, 1:],
+            channels=rows[:, CENTRE_WORDS : CENTRE_WORDS + channels],
         )
 
     def _show(self, splats: Splats) -> None:

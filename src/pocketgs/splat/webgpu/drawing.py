@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import TypeAlias
+from typing import TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera
 from pocketgs.gpu.executor import Executor
 from pocketgs.gpu.sizes import Symbols
@@ -20,13 +21,15 @@ from pocketgs.splat.webgpu.lenses import lens_values
 Draw: TypeAlias = Callable[[str, Camera, Background], np.ndarray]
 """Runs a sequence: gives (H, W, 4) float32, colour and how much of the background shows."""
 
+Room = TypeVar("Room")
+
 
 def rendered(draw: Draw, camera: Camera, background: Background, depth: bool) -> Rendering:
     """Render a view.
 
     Args:
         draw: draws an image.
-        camera: from where.
+        camera: the view to draw.
         background: RGB behind the scene.
         depth: whether to compute the depth.
 
@@ -49,10 +52,10 @@ def draw_once(
     Args:
         executor: holds the scene.
         sequence: name of the one to run.
-        camera: from where.
+        camera: the view to draw.
         background: RGB behind the scene.
-        near: least depth of what is drawn.
-        symbols: the numbers that the passes follow from.
+        near: minimum depth of drawn Gaussians.
+        symbols: of the image, see `Description.symbols`.
 
     Returns:
         (H, W, 4) float32, colour and how much of the background shows; and the intersections that there was too little
@@ -63,6 +66,26 @@ def draw_once(
     pixels = executor.read("image", np.float32, 4 * symbols["pixels"])
     _, halted, needed = executor.read("status", np.uint32, 3)
     return pixels.reshape(camera.height, camera.width, 4), int(needed) if halted else 0
+
+
+def make_room_for(make_room: Callable[[int], Room], wanted: int, needed: int) -> Room:
+    """Make room for the wanted number of intersections or, if that does not fit into memory, for the needed number.
+
+    Args:
+        make_room: for a number of intersections.
+        wanted: with a reserve, so that the next image probably fits too.
+        needed: at least these.
+
+    Returns:
+        What `make_room` returns.
+
+    Raises:
+        PocketGSError: the needed intersections do not fit either.
+    """
+    try:
+        return make_room(wanted)
+    except PocketGSError:
+        return make_room(needed)
 
 
 def write_camera(
@@ -77,9 +100,9 @@ def write_camera(
 
     Args:
         executor: holds them.
-        camera: from where.
+        camera: the view to draw.
         background: RGB behind the scene.
-        near: least depth of what is drawn.
+        near: minimum depth of drawn Gaussians.
         symbols: see `view_values`.
         of_step: from `step_values`, for a training step.
     """

@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 
 from pocketgs.capture.capture import Frame
-from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera
 from pocketgs.gpu.adapters import DRIVER_BYTES, choose_adapter
 from pocketgs.gpu.device import shared_device
@@ -22,7 +21,7 @@ from pocketgs.splat.near_plane import near_plane
 from pocketgs.splat.parameters import ParameterLayout
 from pocketgs.splat.rows import RowChange, Statistics, checked_change
 from pocketgs.splat.settings import StepSettings
-from pocketgs.splat.webgpu.drawing import draw_once, rendered, write_camera
+from pocketgs.splat.webgpu.drawing import draw_once, make_room_for, rendered, write_camera
 from pocketgs.splat.webgpu.frame_values import is_regularised, step_values, structural_share, update_values
 from pocketgs.splat.webgpu.layout import SUM_WORDS
 from pocketgs.splat.webgpu.lenses import LENSES, lens_symbols
@@ -31,7 +30,7 @@ from pocketgs.splat.webgpu.memory import (
     INTERSECTIONS_PER_GAUSSIAN,
     MIN_INTERSECTIONS,
     Extent,
-    Limits,
+    MemoryLimits,
     MemoryPlan,
     expected_extent,
     plan_memory,
@@ -51,7 +50,7 @@ from pocketgs.splat.webgpu.tables import (
     write_statistics,
 )
 from pocketgs.splat.webgpu.variant import Variant
-from pocketgs.system.memory_need import MemoryNeed
+from pocketgs.system.device import MB, MemoryNeed
 
 INTERSECTION_BYTES = {"ordered": 4 * SUM_WORDS, "atomic": 4}
 """Bytes per intersection of the largest buffer that grows with intersections."""
@@ -83,7 +82,7 @@ class WebGpuEngine:
         variant = Variant(options.precision, options.replay, options.accumulation, subgroups, lenses=LENSES)
         self.executor = Executor(shared_device(adapter, variant.features), describe_training(variant))
         self._shares_memory = adapter.shares_memory
-        self._limits = Limits(options.max_memory * 1_000_000, adapter.largest_buffer)
+        self._limits = MemoryLimits(options.max_memory * MB, adapter.largest_buffer)
         self._frames: list[Frame] = []
         self._near = near_plane(np.zeros((0, 3)))
         self._ahead = StepsAhead(self.executor)
@@ -255,10 +254,11 @@ class WebGpuEngine:
 
     def _fit_intersections(self, extent: Extent, wanted: int, needed: int) -> None:
         """Allocate buffers with room for the wanted intersections, or at least for the needed ones."""
-        try:
-            self._fit(replace(extent, intersections=max(needed, min(wanted, self._most_intersections))))
-        except PocketGSError:
-            self._fit(replace(extent, intersections=needed))
+
+        def fit(intersections: int) -> None:
+            self._fit(replace(extent, intersections=intersections))
+
+        make_room_for(fit, max(needed, min(wanted, self._most_intersections)), needed)
 
     def _submit(self, step: Step) -> None:
         frame, shelf = self._frames[step.view], self._plan.shelf

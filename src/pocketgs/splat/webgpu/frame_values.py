@@ -21,9 +21,9 @@ def view_values(camera: Camera, background: Background, near: float, symbols: Sy
     """Fields of the struct `View` for drawing an image; for those of a training step, see `step_values`.
 
     Args:
-        camera: from where.
-        background: RGB.
-        near: least depth of what is drawn, see `near_plane`.
+        camera: the view to draw.
+        background: RGB behind the scene.
+        near: minimum depth of drawn Gaussians, see `near_plane`.
         symbols: gives gaussians, coefficients, intersections, replay_depth, and channel_groups where channels are
             composited.
     """

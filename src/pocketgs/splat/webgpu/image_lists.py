@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from types import MappingProxyType
 
 import numpy as np
 
-from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera
 from pocketgs.gpu.adapters import choose_adapter
 from pocketgs.gpu.buffer_sizes import check_buffers
@@ -15,7 +15,7 @@ from pocketgs.gpu.description import Description
 from pocketgs.gpu.device import shared_device
 from pocketgs.gpu.executor import Executor
 from pocketgs.gpu.sizes import Symbols
-from pocketgs.splat.webgpu.drawing import write_camera
+from pocketgs.splat.webgpu.drawing import make_room_for, write_camera
 from pocketgs.splat.webgpu.memory import GROWTH, MIN_INTERSECTIONS
 from pocketgs.splat.webgpu.variant import Variant
 
@@ -50,19 +50,16 @@ class ImageLists:
         """Draw an image over black.
 
         Args:
-            image: says which it is, for `holds`.
-            given: the numbers that the passes follow from, but for the room for intersections.
-            camera: from where.
-            near: least depth of what is drawn.
-            content: to write to buffers before.
+            image: identifies the image, for `holds`.
+            given: numbers that `Description.symbols` needs, without "intersections".
+            camera: the view to draw.
+            near: minimum depth of drawn Gaussians.
+            content: to write to buffers before drawing, by their names.
         """
         self._drawn = None
         wanted, least = self._room, MIN_INTERSECTIONS
         while True:
-            try:
-                self._make_room(given, wanted)
-            except PocketGSError:
-                self._make_room(given, least)
+            make_room_for(partial(self._make_room, given), wanted, least)
             write_camera(self._executor, camera, (0.0, 0.0, 0.0), near, self.symbols)
             self._submit("forward", {**content, "status": np.zeros(3, np.uint32)})
             _, halted, needed = self.read("status", np.uint32, 3)

@@ -73,7 +73,7 @@ def lens_of(camera: Camera) -> str:
 
 
 def lens_symbols(camera: Camera) -> dict[str, int]:
-    """1 for a camera's lens and 0 for the others: numbers that the passes follow from."""
+    """Which lens a camera has, for `Description.symbols`: 1 for its lens and 0 for the others."""
     own = lens_of(camera)
     return {lens: int(lens == own) for lens in LENSES}
 

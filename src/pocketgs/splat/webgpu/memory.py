@@ -32,8 +32,8 @@ MAX_REPLAY_DEPTH = 24
 
 
 @dataclass(frozen=True)
-class Limits:
-    """What may be allocated, in bytes: `total` by the user's wish, `buffer` by what the device allows a single one."""
+class MemoryLimits:
+    """Maximum bytes: `total` of all buffers, as the user asks; `buffer` of each one, as the device allows."""
 
     total: int
     buffer: int
@@ -41,13 +41,13 @@ class Limits:
 
 @dataclass(frozen=True)
 class Extent:
-    """What the engine is to hold: what the sizes of its buffers follow from.
+    """What the engine is to hold; it determines the sizes of the buffers.
 
     Attributes:
         gaussians: their number.
-        capacity: how many there is room for.
+        capacity: number of Gaussians that there is room for.
         coefficients: of spherical harmonics per channel.
-        intersections: of tiles' lists, that there is to be room for.
+        intersections: number of intersections that the tiles' lists have room for.
         photographs: width and height of each.
         drawn_sizes: width and height of other images that are drawn.
         trains: whether it is to train, or only to render.
@@ -93,7 +93,7 @@ class MemoryPlan:
         return sum(self.sizes.values())
 
 
-def plan_memory(description: Description, extent: Extent, limits: Limits) -> MemoryPlan:
+def plan_memory(description: Description, extent: Extent, limits: MemoryLimits) -> MemoryPlan:
     """Fit a run into memory: a replay cache as deep as there is room for, and as many photographs as then fit.
 
     Args:
@@ -134,7 +134,9 @@ def expected_extent(
     return Extent(gaussians, gaussians, coefficients, room, tuple(photographs), frozenset(photographs), trains=True)
 
 
-def plan_rows(description: Description, extent: Extent, gaussians: int, limits: Limits) -> tuple[Extent, MemoryPlan]:
+def plan_rows(
+    description: Description, extent: Extent, gaussians: int, limits: MemoryLimits
+) -> tuple[Extent, MemoryPlan]:
     """What is to be held, and allocated, once there are so many Gaussians.
 
     If new room is made at all, there is some for more Gaussians, unless it would displace photographs or the replay
@@ -150,7 +152,7 @@ def plan_rows(description: Description, extent: Extent, gaussians: int, limits: 
     return extent, plan_memory(description, extent, limits)
 
 
-def plan_run(description: Description, extent: Extent, limits: Limits) -> MemoryPlan:
+def plan_run(description: Description, extent: Extent, limits: MemoryLimits) -> MemoryPlan:
     """The most that a run may come to allocate which holds an extent at last, however it grows to it.
 
     Raises:
@@ -160,7 +162,7 @@ def plan_run(description: Description, extent: Extent, limits: Limits) -> Memory
 
 
 def _with_headroom(
-    description: Description, extent: Extent, capacity: int, limits: Limits
+    description: Description, extent: Extent, capacity: int, limits: MemoryLimits
 ) -> tuple[Extent, MemoryPlan]:
     """An extent with room for so many Gaussians, unless that displaces something else, and its plan."""
     plan = plan_memory(description, extent, limits)

@@ -12,6 +12,7 @@ import numpy as np
 from pocketgs.geometry.camera import Camera
 from pocketgs.scene.gaussians import PARAMETERS, Gaussians
 from pocketgs.splat.backend import Composite, CompositeGradient, Contributions, Parameters
+from pocketgs.splat.constants import CULLED
 from pocketgs.splat.diverged import suspects, without_diverged
 from pocketgs.splat.ellipse import half_sizes
 from pocketgs.splat.parameters import ParameterLayout
@@ -22,9 +23,6 @@ from pocketgs.splat.webgpu.lenses import lens_symbols
 from pocketgs.splat.webgpu.rasterizer_passes import GROUP, backward_sequence, describe_rasterizer
 from pocketgs.splat.webgpu.scene_columns import to_columns
 
-CULLED = 0xFFFFFFFF
-"""The depth key of what is not drawn."""
-
 
 @dataclass(frozen=True, eq=False)
 class _Tape:
@@ -32,8 +30,8 @@ class _Tape:
 
     Attributes:
         scene: the Gaussians.
-        camera: from where.
-        near: least depth of what is drawn.
+        camera: the view to draw.
+        near: minimum depth of drawn Gaussians.
         colours: whether the first group of channels is the Gaussians' colour.
         channels: number of channels, colour included.
         values: (N, 3 G) float32, the channels of each Gaussian, in whole groups.
@@ -50,7 +48,7 @@ class _Tape:
 
     @property
     def symbols(self) -> dict[str, int]:
-        """The numbers that the passes follow from, but for the room for intersections."""
+        """Numbers that `Description.symbols` needs, without "intersections"."""
         return {
             "gaussians": len(self.scene),
             "capacity": len(self.scene),
@@ -99,7 +97,15 @@ class WebGpuBackend:
         shown = GROUP if colours else 0
         composited = shown + channels.shape[1]
         values = in_groups(channels, first=shown)
-        tape = _Tape(scene, camera, near, colours, composited, values, antialiased)
+        tape = _Tape(
+            scene=scene,
+            camera=camera,
+            near=near,
+            colours=colours,
+            channels=composited,
+            values=values,
+            antialiased=antialiased,
+        )
         self._show(tape)
         image, transmittance = read_image(self._lists, composited, camera.width, camera.height)
         visible = self._visible()
@@ -123,14 +129,14 @@ class WebGpuBackend:
             gradients[:, layout.columns_of("sh")] if tape.colours else np.zeros((count, 3 * coefficients), np.float32)
         )
         return CompositeGradient(
-            gradients[:, layout.columns_of("means")],
-            gradients[:, layout.columns_of("log_scales")],
-            gradients[:, layout.columns_of("quaternions")],
-            gradients[:, layout.columns_of("opacity_logits")][:, 0],
-            d_sh.reshape(count, coefficients, 3),
-            rows[:, CENTRE_WORDS : CENTRE_WORDS + tape.channels],
-            rows[:, :2],
-            rows[:, 2:CENTRE_WORDS],
+            means=gradients[:, layout.columns_of("means")],
+            log_scales=gradients[:, layout.columns_of("log_scales")],
+            rotations=gradients[:, layout.columns_of("quaternions")],
+            opacity_logits=gradients[:, layout.columns_of("opacity_logits")][:, 0],
+            sh=d_sh.reshape(count, coefficients, 3),
+            channels=rows[:, CENTRE_WORDS : CENTRE_WORDS + tape.channels],
+            centres=rows[:, :2],
+            absolute_centres=rows[:, 2:CENTRE_WORDS],
         )
 
     def inspect(self, composite: Composite) -> tuple[Contributions, np.ndarray]:
@@ -148,7 +154,9 @@ class WebGpuBackend:
         for camera in cameras:
             if len(rows) > 0:
                 content = _content(without_diverged(scene, rows, camera), False, values)
-            tape = _Tape(scene, camera, near, False, 0, values, False)
+            tape = _Tape(
+                scene=scene, camera=camera, near=near, colours=False, channels=0, values=values, antialiased=False
+            )
             self._lists.draw(tape, tape.symbols, camera, near, content)
             yield self._inspected(len(scene))
 
@@ -156,7 +164,7 @@ class WebGpuBackend:
         """Contributions of `count` Gaussians to the image that was drawn last."""
         self._lists.run("inspect")
         pixels, summed, largest, _ = self._lists.read("contributions", np.float32, 4 * count).reshape(count, 4).T
-        return Contributions(pixels.astype(np.int32), largest.copy(), summed.copy())
+        return Contributions(pixels=pixels.astype(np.int32), largest=largest.copy(), summed=summed.copy())
 
     def _show(self, tape: _Tape) -> None:
         """Draw an image, unless it is the one that was drawn last."""

@@ -8,7 +8,7 @@ from typing import Literal
 from pocketgs.splat.engine import Accumulation, Precision, Replay
 from pocketgs.splat.webgpu.lenses import PINHOLE
 
-Appearance = Literal["splats", "points", "discs"]
+DrawnShape = Literal["splats", "points", "discs"]
 Weights = Literal["direct", "exponential", "lc", "mobile", "visibility"]
 
 COVERAGES: dict[Weights, str] = {
@@ -39,7 +39,7 @@ class Variant:
     replay: Replay = "recompute"
     accumulation: Accumulation = "ordered"
     subgroups: bool = False
-    appearance: Appearance = "splats"
+    appearance: DrawnShape = "splats"
     weights: Weights | None = None
     lenses: tuple[str, ...] = PINHOLE
 

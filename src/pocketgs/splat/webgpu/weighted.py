@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.checks import checked_scene
 from pocketgs.splat.engine import EngineOptions, Rendering
 from pocketgs.splat.near_plane import near_plane
-from pocketgs.splat.webgpu.drawing import draw_once, rendered
+from pocketgs.splat.webgpu.drawing import draw_once, make_room_for, rendered
 from pocketgs.splat.webgpu.lenses import LENSES, lens_symbols
 from pocketgs.splat.webgpu.memory import GROWTH, INTERSECTIONS_PER_GAUSSIAN, MIN_INTERSECTIONS
 from pocketgs.splat.webgpu.passes import describe_rendering
@@ -85,10 +86,7 @@ class WeightedDrawing:
         """(H, W, 4) float32: colour and how much of the background shows."""
         wanted, least = self._intersections, MIN_INTERSECTIONS
         while True:
-            try:
-                symbols = self._make_room(camera, wanted)
-            except PocketGSError:
-                symbols = self._make_room(camera, least)
+            symbols = make_room_for(partial(self._make_room, camera), wanted, least)
             image, needed = draw_once(self._executor, sequence, camera, background, self._near, symbols)
             if not needed:
                 return image

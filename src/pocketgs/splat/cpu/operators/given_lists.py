@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import prange
 
+from pocketgs.splat.constants import CULLED
 from pocketgs.splat.cpu.bin import TileLists, columns_reached, ellipse_of, rows_reached
 from pocketgs.splat.cpu.layout import (
     INTERSECTION_FIELDS,
@@ -17,7 +18,6 @@ from pocketgs.splat.cpu.layout import (
     TILE_WIDTH,
     tiles_down,
 )
-from pocketgs.splat.cpu.project import CULLED
 from pocketgs.system.compile import kernel, parallel_kernel, part
 from pocketgs.system.dealing import first_piece, take
 

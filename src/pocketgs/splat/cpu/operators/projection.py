@@ -16,7 +16,7 @@ from pocketgs.splat.cpu.layout import View
 from pocketgs.splat.cpu.lenses.formulas import centre_of, jacobian_at, position_backward
 from pocketgs.splat.cpu.lenses.jacobians import Jacobian, back_along, no_gradient, with_product
 from pocketgs.splat.cpu.lenses.lens import KernelLens
-from pocketgs.splat.cpu.project import footprint, to_camera
+from pocketgs.splat.cpu.project import footprint, sharp_covariance, to_camera
 from pocketgs.splat.cpu.vectors import Vector, axes_of, dot, scaled, transposed_times
 from pocketgs.system.compile import inlined, parallel_kernel, part
 from pocketgs.system.dealing import PIECE, first_piece, take
@@ -52,11 +52,7 @@ def _covariance(
     _, p = footprint(view, jacobian, axes[0], float(scale[0]))
     _, q = footprint(view, jacobian, axes[1], float(scale[1]))
     _, r = footprint(view, jacobian, axes[2], float(scale[2]))
-    return (
-        p[0] * p[0] + q[0] * q[0] + r[0] * r[0],
-        p[0] * p[1] + q[0] * q[1] + r[0] * r[1],
-        p[1] * p[1] + q[1] * q[1] + r[1] * r[1],
-    )
+    return sharp_covariance(p, q, r)
 
 
 @part

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numba import prange
 
-from pocketgs.splat.constants import ALPHA_MIN
+from pocketgs.splat.constants import ALPHA_MIN, CULLED
 from pocketgs.splat.cpu.lanes import LANES
 from pocketgs.splat.cpu.layout import (
     COLOURS,
@@ -22,8 +22,7 @@ from pocketgs.splat.cpu.layout import (
     SLOTS_COUNT,
     SLOTS_FIRST,
 )
-from pocketgs.splat.cpu.project import CULLED
-from pocketgs.splat.cpu.rasterize_backward import (
+from pocketgs.splat.cpu.tile_sums import (
     SUM_ABSOLUTE_X,
     SUM_ABSOLUTE_Y,
     SUM_EXPONENT,

@@ -77,7 +77,7 @@ fn colour_of(mean: vec3f, i: u32) -> vec3f {
 }
 
 fn is_dropped_out(i: u32) -> bool {
-    return hashed(hashed(view.dropout_seed) ^ i) < view.dropout_threshold;
+    return pcg_hash(pcg_hash(view.dropout_seed) ^ i) < view.dropout_threshold;
 }
 
 @compute @workgroup_size(THREADS)

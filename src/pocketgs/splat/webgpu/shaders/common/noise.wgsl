@@ -4,9 +4,9 @@ import gaussians, hash
 
 // A standard normal number that depends on the arguments only (Box and Muller 1958).
 fn normal_number(seed: u32, row: u32, number: u32) -> f32 {
-    let word = hashed(hashed(hashed(seed) ^ row) ^ number);
+    let word = pcg_hash(pcg_hash(pcg_hash(seed) ^ row) ^ number);
     let share = (f32(word) + 1.0) / 4294967296.0;
-    let turn = f32(hashed(word ^ 0x9e3779b9u)) / 4294967296.0;
+    let turn = f32(pcg_hash(word ^ 0x9e3779b9u)) / 4294967296.0;
     return sqrt(max(0.0, -2.0 * log(share))) * cos(6.283185307179586 * turn);
 }
 
