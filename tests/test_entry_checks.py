@@ -15,7 +15,8 @@ from pocketgs.capture import Capture, Frame, open_capture
 from pocketgs.scene.background import checked_background
 from pocketgs.scene.edits import scaled, translated
 from pocketgs.scene.gaussians import Gaussians
-from pocketgs.splat.engine import EngineOptions, OptimiserState, create_engine
+from pocketgs.splat.choose_engine import create_engine
+from pocketgs.splat.engine import EngineOptions, OptimiserState
 from pocketgs.splat.settings import (
     AdamSettings,
     ColourSettings,

@@ -9,7 +9,8 @@ from pocketgs.compression import candidates
 from pocketgs.compression.views import Views, photographed
 from pocketgs.prior.prior import PreparedCapture
 from pocketgs.scene.gaussians import Gaussians
-from pocketgs.splat.engine import Engine, EngineOptions, create_engine
+from pocketgs.splat.choose_engine import create_engine
+from pocketgs.splat.engine import Engine, EngineOptions
 from pocketgs.training.train import train
 
 

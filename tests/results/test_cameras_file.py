@@ -13,10 +13,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from conftest import write_nerfstudio
 from pocketgs import Capture, PocketGSError
 from pocketgs.capture.capture import Frame
+from pocketgs.capture.open import list_capture
+from pocketgs.capture.origin import with_origin
 from pocketgs.files.manifest import MANIFEST, PRIVATE, Manifest, source_of
 from pocketgs.results.cameras_file import SavedCameras, read_cameras, with_poses_of, write_cameras
+from pocketgs.results.folder import CAMERAS
+from pocketgs.results.run import run
+from pocketgs.training.options import TrainingOptions
 
 
 def moved(frames: list[Frame]) -> list[Frame]:
@@ -237,3 +243,16 @@ def test_a_file_that_cannot_be_written_leaves_the_old_one(
     with pytest.raises((PocketGSError, OSError)):
         write_cameras(path / "below" / "cameras.json", small_capture.frames, refined=True)
     assert contents(path.parent) == before
+
+
+def test_a_run_writes_where_its_world_lies_in_the_captures(small_capture: Capture, tmp_path: Path) -> None:
+    """As for captures in a national grid, whose scenes are moved to an origin of their own."""
+    far = replace(with_origin(small_capture, (-50_000.0, 20_000.0, 0.0)), origin=(0.0, 0.0, 0.0))
+    write_nerfstudio(far, tmp_path / "room")
+    options = TrainingOptions(iterations=2, prior="none", evaluate_every=0, engine="cpu")
+    run(lambda: list_capture(tmp_path / "room"), tmp_path / "out", options)
+    saved = read_cameras(tmp_path / "out" / CAMERAS)
+    assert np.abs(saved.origin).max() > 10_000
+    for name, camera in saved.cameras.items():
+        stated = next(frame.camera for frame in far.frames if frame.name == Path(name).name)
+        np.testing.assert_allclose(camera.centre + saved.origin, stated.centre, atol=1e-6)

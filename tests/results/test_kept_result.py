@@ -140,3 +140,30 @@ def test_training_knows_how_many_iterations_the_budget_is_planned_for(
     assert 50 <= plans[0].iterations < 1_000_000
     assert asked[0].expected_iterations == plans[0].iterations
     assert asked[0].iterations == 1_000_000
+
+
+def test_training_leaves_time_to_evaluate_and_to_write(
+    small_capture: Capture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[SizedOptions] = []
+    plans: list[Plan] = []
+
+    def stop(_: Capture, options: SizedOptions, **__: object) -> None:
+        asked.append(options)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(run_module, "train", stop)
+    monkeypatch.setattr(run_module, "measure_speed", lambda *_: Speed(1.0, 1.0, 1.0))
+    monkeypatch.setattr(run_module, "seconds_since_start", lambda: 3.0)
+    write_nerfstudio(small_capture, tmp_path / "room")
+    options = TrainingOptions(time_budget=20.0, prior="none", engine="cpu")
+    with pytest.raises(KeyboardInterrupt):
+        run(
+            lambda: list_capture(tmp_path / "room"),
+            tmp_path / "out",
+            options,
+            reporter=Reporter(on_plan=plans.append),
+        )
+    assert plans[0].reserve is not None
+    assert plans[0].reserve > 0.1
+    assert asked[0].time_budget == pytest.approx(20.0 - 3.0 - plans[0].reserve)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import zipfile
 from collections.abc import Callable
 from dataclasses import fields, replace
@@ -22,13 +23,14 @@ from pocketgs.files.memory_bound import memory_bound
 from pocketgs.files.plain_names import plain_names
 from pocketgs.results.checkpoint import CHECKPOINT, TRAINING_CAMERAS, UNFINISHED, read_checkpoint, write_checkpoint
 from pocketgs.results.folder import claimed_for_run, publishing, write_json, write_side_by_side
-from pocketgs.results.identity import digest_of_cameras
+from pocketgs.results.identity import digest_of_cameras, identity_of
 from pocketgs.results.reporter import Reporter
 from pocketgs.results.run import run
 from pocketgs.scene.gaussians import PARAMETERS, SH_COEFFICIENTS, Gaussians
 from pocketgs.splat.engine import OptimiserState
 from pocketgs.splat.rows import Statistics
-from pocketgs.training.options import TrainingOptions
+from pocketgs.training.options import SizedOptions, TrainingOptions
+from pocketgs.training.planning.plan import Plan
 from pocketgs.training.result import Checkpoint
 
 RUN = {"capture": "toys", "seed": 3}
@@ -311,3 +313,39 @@ def test_a_checkpoint_that_would_unpack_to_more_than_memory_is_refused(tmp_path:
     assert (tmp_path / CHECKPOINT).stat().st_size < 1_000_000
     with memory_bound(100), pytest.raises(PocketGSError, match="unpacking 200,000,"):
         read_checkpoint(tmp_path, {})
+
+
+PLAN = Plan(1, 96, 72, 1000, 1, 0.0, {}, 0.0, 10)
+
+
+def test_the_newest_checkpoint_goes_first(tmp_path: Path, checkpoint: Checkpoint) -> None:
+    """A process that is killed as it ends leaves the checkpoint of its unfinished run behind."""
+    for seconds, name in ((1000, UNFINISHED), (2000, CHECKPOINT)):
+        write_checkpoint(tmp_path / name, replace(checkpoint, iteration=seconds), {})
+        os.utime(tmp_path / name, (seconds, seconds))
+    assert read_checkpoint(tmp_path, {}).iteration == 2000
+    os.utime(tmp_path / UNFINISHED, (3000, 3000))
+    assert read_checkpoint(tmp_path, {}).iteration == 1000
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"recipe": "reference"},
+        {"seed": 1},
+        {"sh_degree": 1},
+        {"prior": "sparse"},
+        {"bundle": False},
+        {"source_views": 2},
+        {"max_keyframes": 9},
+        {"exposure": "off"},
+        {"max_gaussians": 999},
+        {"strategy": "adc"},
+        {"colours": "on"},
+        {"transients": "keep"},
+    ],
+    ids=lambda change: next(iter(change)),
+)
+def test_no_run_goes_on_with_options_that_make_another_scene(small_capture: Capture, change: dict[str, Any]) -> None:
+    options = SizedOptions()
+    assert identity_of(small_capture, replace(options, **change), PLAN) != identity_of(small_capture, options, PLAN)

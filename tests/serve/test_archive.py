@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pocketgs.errors import PocketGSError
-from pocketgs.files.zip_names import without_here
+from pocketgs.files.paths import without_here
 from pocketgs.serve import shelf
 from pocketgs.serve.archive import unpack
 from zip_files import FROM_HERE, MEANT, NAMES, zip_of, zip_of_name

@@ -17,8 +17,9 @@ from pocketgs.errors import PocketGSError
 from pocketgs.metrics.evaluation import Evaluation
 from pocketgs.results.checkpoint import CHECKPOINT, read_checkpoint, write_checkpoint
 from pocketgs.results.held_out import evaluate_held_out
+from pocketgs.splat.choose_engine import create_engine
 from pocketgs.splat.colours import UPDATES, transforms_of
-from pocketgs.splat.engine import EngineOptions, create_engine
+from pocketgs.splat.engine import EngineOptions
 from pocketgs.splat.settings import StepSettings
 from pocketgs.training.colours import RATE
 from pocketgs.training.options import TrainingOptions
@@ -116,3 +117,23 @@ def test_jumping_colours_cost_little(tmp_path: Path) -> None:
     clean, jumping = trained(False), trained(True)
     assert jumping.cc_psnr > clean.cc_psnr - 0.3
     assert jumping.psnr > trained(True, exposure="off").psnr + 0.3
+
+
+def test_the_rate_falls_in_proportion_to_that_of_the_scenes_colours(
+    small_capture: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Otherwise the last photographs that are trained on would set the scene's colours."""
+    engine = create_engine(EngineOptions("cpu"))
+    taken: list[tuple[float, float]] = []
+    take_step = engine.step
+
+    def step(view: int, settings: StepSettings) -> None:
+        assert settings.colours is not None
+        taken.append((settings.colours.rate, settings.rates.sh_dc))
+        take_step(view, settings)
+
+    monkeypatch.setattr(engine, "step", step)
+    train(flickering(small_capture), OPTIONS, opened_engine=engine)
+    rates, of_scene = np.array(taken).T
+    np.testing.assert_allclose(rates / RATE, of_scene / of_scene[0])
+    assert rates[-1] < 0.1 * RATE

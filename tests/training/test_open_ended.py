@@ -284,3 +284,17 @@ def test_a_command_goes_on_from_a_finished_run_only_for_more(
         command(options, resume=True)
     more = summary["iterations"] + 5
     assert command(replace(options, iterations=more), resume=True)["iterations"] == more
+
+
+def test_masked_pixels_of_validation_views_do_not_count(small_capture: Capture) -> None:
+    """What is masked, such as somebody who walks by, no scene can show."""
+    engine, black = CpuEngine(), (0.0, 0.0, 0.0)
+    train(small_capture, opened_engine=engine, prior="none", iterations=10, evaluate_every=0)
+    frame = small_capture.train[0]
+    mask = np.ones(frame.image.shape[:2], np.bool_)
+    mask[:, 30:] = False
+    masked, spoilt = (
+        replace(frame, image=np.where(mask[..., None], frame.image, colour).astype(np.uint8), mask=mask)
+        for colour in (frame.image, 255 - frame.image)
+    )
+    assert mean_psnr(engine, [spoilt], black) == pytest.approx(mean_psnr(engine, [masked], black))

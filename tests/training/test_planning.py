@@ -20,18 +20,20 @@ from PIL import Image
 
 from pocketgs.capture import ListedCapture, list_capture
 from pocketgs.capture.capture import Frame
-from pocketgs.capture.image_file import ImageHeader
+from pocketgs.capture.decoding.image_file import ImageHeader
 from pocketgs.capture.listing import FrameSource, Listing
 from pocketgs.capture.loading import LensHandling, Preparation
 from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera
 from pocketgs.geometry.lens import Lens
 from pocketgs.prior.depth.cpu.stereo import CpuStereo
-from pocketgs.prior.depth.stereo import StereoExtent, StereoNeed, need_of
+from pocketgs.prior.depth.room import need_of
+from pocketgs.prior.depth.stereo import StereoExtent, StereoNeed
 from pocketgs.prior.depth.webgpu.stereo import WebGpuStereo
+from pocketgs.splat.choose_engine import create_engine
 from pocketgs.splat.cpu.engine import CpuEngine
-from pocketgs.splat.engine import EngineOptions, create_engine
-from pocketgs.system.memory_need import MemoryNeed
+from pocketgs.splat.engine import EngineOptions
+from pocketgs.system.device import MemoryNeed
 from pocketgs.training.options import SizedOptions, TrainingOptions
 from pocketgs.training.planning.calibration import Speed, measure_speed
 from pocketgs.training.planning.effort import sized
@@ -539,3 +541,16 @@ def test_speed_is_measured_on_any_engine() -> None:
     assert speed.training > 0
     without = measure_speed(engine, stereo, 1, with_prior=False)
     assert without.prior == without.training
+
+
+def test_time_is_left_to_compare_the_held_out_photographs() -> None:
+    """Each takes some seconds, and more if it is larger: without them, a run would end after its time."""
+    machine = replace(MACHINE, speed=Speed(1.0, 1.0, 1.0))
+    options = SizedOptions(prior="none", time_budget=1000.0, max_memory=100_000)
+    listings = [photographs(side, side, 24) for side in (500, 1000)]
+    without = [replace(listed, held_out_names=frozenset()) for listed in listings]
+    reserves = [make_plan(listed, options, machine).reserve or 0.0 for listed in (*listings, *without)]
+    small, large, *none = reserves
+    assert none[0] == none[1] < small < large
+    assert large - none[1] == pytest.approx(4 * (small - none[0]), rel=0.2)
+    assert large - none[1] > 3 * 1.0  # three of a megapixel

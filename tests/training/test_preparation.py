@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -9,8 +10,13 @@ import numpy as np
 import pytest
 
 from pocketgs import Capture, PocketGSError
+from pocketgs.capture.capture import Frame
 from pocketgs.capture.synthetic import true_capture
 from pocketgs.geometry.camera import look_at
+from pocketgs.prior.depth.cpu.stereo import CpuStereo
+from pocketgs.prior.depth.depth_range import DepthRange
+from pocketgs.prior.depth.sweep import DepthMap, SweepSettings
+from pocketgs.prior.devices import create_devices
 from pocketgs.system.stopwatch import Stopwatch
 from pocketgs.training.options import SizedOptions, TrainingOptions
 from pocketgs.training.preparation import MIN_POINTS, prepare, starting_points
@@ -137,3 +143,19 @@ def test_starting_points_are_drawn_where_there_are_too_few(small_capture: Captur
     assert small_capture.points is not None
     few = None if count is None else small_capture.points.select(np.arange(count))
     assert len(starting_points(replace(small_capture, points=few), SizedOptions(max_gaussians=100))) == 100
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_keyframes_are_swept_with_as_many_source_views_as_asked(textured: Capture, count: int) -> None:
+    used = []
+
+    class Watched(CpuStereo):
+        def sweep(
+            self, keyframe: Frame, source_views: Sequence[Frame], search: DepthRange, settings: SweepSettings
+        ) -> DepthMap:
+            used.append(len(source_views))
+            return super().sweep(keyframe, source_views, search, settings)
+
+    options = TrainingOptions(source_views=count, max_keyframes=3, max_gaussians=1000, engine="cpu")
+    prepare(textured, options, devices=replace(create_devices(), stereo=Watched()))
+    assert max(used) == count

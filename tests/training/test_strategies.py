@@ -15,8 +15,11 @@ from hypothesis import strategies as st
 
 from pocketgs import Capture, Gaussians, PocketGSError
 from pocketgs.geometry.quaternions import rotation_matrices
+from pocketgs.prior.prior import PreparedCapture
 from pocketgs.results.checkpoint import CHECKPOINT, MAX_GAUSSIANS, SHRINK, read_checkpoint, read_size, write_checkpoint
 from pocketgs.scene.gaussians import PARAMETERS
+from pocketgs.seeding.seeds import seed_balls
+from pocketgs.splat.cpu.engine import CpuEngine
 from pocketgs.splat.rows import RowChange, Statistics
 from pocketgs.splat.settings import LossSettings
 from pocketgs.splat.store import ParameterStore
@@ -27,12 +30,13 @@ from pocketgs.training.progress import Progress
 from pocketgs.training.random_points import points_in_a_cube
 from pocketgs.training.recipes import recipe_named
 from pocketgs.training.result import Checkpoint
+from pocketgs.training.schedules import schedules_of
 from pocketgs.training.strategies import choose
 from pocketgs.training.strategies.adc import AdaptiveDensityControl, DensityControl
 from pocketgs.training.strategies.budgeted import Budgeted, Growth, Parabola
 from pocketgs.training.strategies.division import halves
 from pocketgs.training.strategies.mcmc import MCMC, Relocation
-from pocketgs.training.strategies.relocation import MAX_SHARING, shared
+from pocketgs.training.strategies.relocation import MAX_RATIO, compute_relocation
 from pocketgs.training.strategies.strategy import StrategyContext
 from pocketgs.training.train import train as prepare_and_train
 
@@ -91,7 +95,7 @@ def covariances(scene: Gaussians) -> np.ndarray:
 @given(st.floats(0.01, 0.99), st.integers(1, 20))
 def test_those_who_share_hide_as_much_as_the_one(opacity: float, sharing: int) -> None:
     """Integrated along a line: ∫ 1 - (1 - o' exp(-x²/2s'²))^n dx = ∫ o exp(-x²/2) dx."""
-    each, shrinking = shared(np.array([opacity]), np.array([sharing]))
+    each, shrinking = compute_relocation(np.array([opacity]), np.array([sharing]))
     assert 1 - (1 - each[0]) ** sharing == pytest.approx(opacity, rel=1e-6)
     x = np.linspace(-12, 12, 20_001)
     together = 1 - (1 - each[0] * np.exp(-0.5 * (x / shrinking[0]) ** 2)) ** sharing
@@ -101,11 +105,11 @@ def test_those_who_share_hide_as_much_as_the_one(opacity: float, sharing: int) -
 
 def test_sharing_with_nobody_changes_nothing() -> None:
     opacities = np.array([0.1, 0.5, 0.99])
-    each, shrinking = shared(opacities, np.ones(3, int))
+    each, shrinking = compute_relocation(opacities, np.ones(3, int))
     np.testing.assert_allclose(each, opacities)
     np.testing.assert_allclose(shrinking, 1.0)
-    many = shared(opacities, np.full(3, 500))
-    np.testing.assert_array_equal(many, shared(opacities, np.full(3, MAX_SHARING)))
+    many = compute_relocation(opacities, np.full(3, 500))
+    np.testing.assert_array_equal(many, compute_relocation(opacities, np.full(3, MAX_RATIO)))
     assert np.isfinite(many).all()
 
 
@@ -488,3 +492,16 @@ def test_random_points_fill_a_cube_before_the_cameras(small_capture: Capture) ->
     np.testing.assert_array_equal(points.positions, points_in_a_cube(cameras, 500, seed=1).positions)
     sides = np.ptp(points.positions, axis=0)
     assert sides.max() < 1.05 * sides.min()
+
+
+@pytest.mark.parametrize("brightness", [0.0, 1.0])
+def test_opacities_are_reset_early_before_a_bright_background(small_capture: Capture, brightness: float) -> None:
+    """As 3DGS does where densification begins: the background of objects on white."""
+    capture = PreparedCapture.of(replace(small_capture, background=(brightness,) * 3), None)
+    assert capture.points is not None
+    sizes = [(frame.camera.width, frame.camera.height) for frame in capture.train]
+    options = sized(TrainingOptions(recipe="3dgs-7k", prior="none"), sizes)
+    strategy, engine = schedules_of(capture, capture.points, options, None, None).strategy, CpuEngine()
+    engine.upload(seed_balls(capture.points, 0.9, 0))
+    strategy.after_step(500, engine)
+    assert engine.download().opacities.max() == pytest.approx(0.01 if brightness else 0.9)

@@ -306,3 +306,24 @@ def test_pictures_show_what_was_left_out(small_capture: Capture, tmp_path: Path)
     assert (picture[:, :48, 0] >= 170).all()
     assert (picture[:, :48, 1:] <= 85).all()
     np.testing.assert_array_equal(picture[:, 48:], photograph[:, 48:])
+
+
+@pytest.mark.parametrize("iterations", [14, 15])
+def test_no_search_follows_the_last_step(
+    small_capture: Capture, monkeypatch: pytest.MonkeyPatch, iterations: int
+) -> None:
+    """What it would find comes too late to be left out, and takes time."""
+    monkeypatch.setattr(transients, "FIRST_LOOK", 14)
+    found = train(small_capture, iterations=iterations, prior="none", engine="cpu", evaluate_every=0)
+    assert (found.checkpoint.transients is None) == (iterations == 14)
+
+
+def test_what_a_mask_excludes_does_not_speak_against_its_photograph(
+    empty_room: PreparedCapture, trained: CpuEngine
+) -> None:
+    """Such as somebody whom the user has masked, close to the camera."""
+    frames, mask = list(empty_room.train), np.ones((180, 240), np.bool_)
+    mask[:120] = False
+    image = np.where(mask[..., None], frames[7].image, 255 - frames[7].image)
+    frames[7] = replace(frames[7], image=image, mask=mask)
+    assert not any(cells.any() for cells in transient_cells(trained, frames, empty_room.background))

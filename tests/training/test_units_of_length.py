@@ -11,7 +11,7 @@ from pocketgs import Capture, TrainingOptions
 from pocketgs.capture.capture import Frame
 from pocketgs.capture.synthetic import true_capture
 from pocketgs.metrics.evaluation import psnr
-from pocketgs.splat.engine import create_engine
+from pocketgs.splat.choose_engine import create_engine
 from pocketgs.splat.rendering import render_frame
 from pocketgs.training.preparation import prepare
 from pocketgs.training.train import train

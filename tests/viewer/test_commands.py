@@ -111,7 +111,7 @@ def test_view_of_a_sort_free_scene(
     free = read_sort_free(path)
     with readable_file(path, partial(write_sort_free, scene=free)) as copy:
         assert copy != path
-        assert read_sort_free(copy).views.tobytes() == free.views.tobytes()
+        assert read_sort_free(copy).visibility_sh.tobytes() == free.visibility_sh.tobytes()
 
 
 def test_view_of_a_result(

@@ -52,10 +52,10 @@ def test_page_reads_what_python_reads(page: Page, tmp_path: Path, form: str, suf
     expected = read_sort_free(path)
     count, name, uniform, views = read(page, path.name, path.read_bytes())
     assert (count, name) == (300, form)
-    np.testing.assert_allclose(np.reshape(views, (-1, 300)).T, expected.views, atol=1e-5)
-    numbers = dict(zip(expected.form.numbers, np.exp(expected.numbers), strict=True))
+    np.testing.assert_allclose(np.reshape(views, (-1, 300)).T, expected.visibility_sh, atol=1e-5)
+    numbers = dict(zip(expected.form.numbers, np.exp(expected.log_shared), strict=True))
     wanted = {"sigma": 0, "beta": 0, "background": 0, **numbers, "unit": 3.7}
-    assert uniform == pytest.approx({**wanted, "view_coefficients": expected.views.shape[1]})
+    assert uniform == pytest.approx({**wanted, "view_coefficients": expected.visibility_sh.shape[1]})
 
 
 def test_page_refuses_broken_weights(page: Page, tmp_path: Path) -> None:
@@ -107,7 +107,7 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> SortFreeScene:
     """As a .pgs holds it."""
     gaussians = marked_scene()
     scene, rng = sort_free(gaussians, "visibility", 3.0, 2), np.random.default_rng(0)
-    scene.views[:] = rng.normal(0.0, 1.0, scene.views.shape)
+    scene.visibility_sh[:] = rng.normal(0.0, 1.0, scene.visibility_sh.shape)
     path = tmp_path_factory.mktemp("rounded") / "scene.pgs"
     write_sort_free(path, scene)
     return read_sort_free(path)

@@ -23,9 +23,8 @@ from pocketgs.scene.gaussians import PARAMETERS, Gaussians
 from pocketgs.scene.warning import warn
 from pocketgs.splat.engine import Engine
 from pocketgs.splat.rasterizer import Rasterizer
+from pocketgs.system.device import MB
 from pocketgs.system.interrupt import deferred_interrupt
-
-MB = 1_000_000
 
 RENDERING_RATE = 0.1 * RATE
 """Initial learning rates on renderings of the scene itself, relative to those of training: it fits them already."""

@@ -8,8 +8,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from pocketgs.errors import PocketGSError
+from pocketgs.system.device import MB
 
-MB = 1_000_000
 DEFAULT_MB = 3000
 JSON_BYTES = 30
 """Upper bound of the memory per byte of JSON: three characters can state an empty object."""

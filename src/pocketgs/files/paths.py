@@ -1,4 +1,4 @@
-"""Paths of a capture's files, which must lie inside the capture's folder."""
+"""Paths of a capture's files, which must lie inside the capture's folder, and names in archives."""
 
 from __future__ import annotations
 
@@ -29,6 +29,8 @@ OTHER_PICTURES = (
     r"|held_out|transients|\.|__"
 )
 """How the names of folders begin whose images share photographs' names but are not photographs."""
+
+_HERE = re.compile(r"(\./)+(?=[^/])")
 
 
 def inside(folder: Path, name: str, named_in: str) -> Path:
@@ -74,6 +76,12 @@ def existing_file(folder: Path, name: str, named_in: str, suffixes: tuple[str, .
             found = f"{named_in}: names the file {short(name)}, which cannot be looked up ({error.strerror or error})"
             raise PocketGSError(found) from error
     return None
+
+
+def without_here(name: str) -> str:
+    """A name in a zip file without the `./` that some programs begin all names with, such as bsdtar."""
+    here = _HERE.match(name)
+    return name[here.end() :] if here else name
 
 
 def relative_name(path: Path, folder: Path) -> str:

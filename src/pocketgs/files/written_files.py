@@ -16,7 +16,7 @@ OF_FILE_BROWSERS = frozenset({".ds_store", "thumbs.db", "desktop.ini"})
 that macOS adds on disks of other systems, whose names begin with "._"."""
 
 
-def somebodys(names: Iterable[str]) -> set[str]:
+def without_browser_files(names: Iterable[str]) -> set[str]:
     """The names or paths without those of files that file browsers leave."""
     files = {name: PurePosixPath(name).name.lower() for name in names}
     return {name for name, file in files.items() if file not in OF_FILE_BROWSERS and not file.startswith("._")}
@@ -34,7 +34,7 @@ def check_only_written(folder: Path, written: object) -> None:
     """
     if not isinstance(written, list):
         return
-    if foreign := somebodys(files_below(folder)) - set(map(str, written)):
+    if foreign := without_browser_files(files_below(folder)) - set(map(str, written)):
         raise PocketGSError(
             f"{folder / min(foreign)}: was not written by pocketgs, and would be deleted with its folder; move it "
             "away, or choose another folder"

@@ -32,7 +32,8 @@ from pocketgs.results.memory_trace import MemoryTrace
 from pocketgs.results.reporter import Reporter
 from pocketgs.results.summary import summarise
 from pocketgs.scene.gaussians import Gaussians
-from pocketgs.splat.engine import Engine, create_engine
+from pocketgs.splat.choose_engine import create_engine
+from pocketgs.splat.engine import Engine
 from pocketgs.system import freed_memory
 from pocketgs.system.interrupt import deferred_interrupt
 from pocketgs.system.process import seconds_since_start

@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 
 from pocketgs.seeding.neighbourhoods import PLANE_NEIGHBOURS, SPACING_NEIGHBOURS, Neighbourhoods
 from pocketgs.system.cores import usable_cores
-from pocketgs.system.device_name import DeviceName
+from pocketgs.system.device import DeviceName
 
 
 class CpuSearch:

@@ -1,4 +1,4 @@
-"""Neighbourhoods: what the nearest points say of the surface at a point, the seam between seeding and its devices."""
+"""Surfaces at points, from their nearest neighbours: the interface that the CPU and GPU versions implement."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from pocketgs.system.device_name import DeviceName
+from pocketgs.system.device import DeviceName
 
 SPACING_NEIGHBOURS = 3
 """A seed's size is the mean distance to this many nearest neighbours (3DGS, section 4)."""
@@ -48,31 +48,3 @@ class NeighbourSearch(Protocol):
         Args:
             positions: (N, 3) float64, finite, N >= MIN_POINTS.
         """
-
-
-def create_search(device: DeviceName = "cpu", gpu: str | None = None, max_memory: int = 3000) -> NeighbourSearch:
-    """Choose the device that finds neighbours.
-
-    Args:
-        device: where it computes.
-        gpu: part of the name of the GPU to use, or None for the best.
-        max_memory: megabytes of GPU memory that it may take.
-
-    Raises:
-        PocketGSError: there is no such device.
-    """
-    if device == "webgpu":
-        from pocketgs.seeding.webgpu.search import WebGpuSearch
-
-        return WebGpuSearch(gpu, max_memory)
-    from pocketgs.seeding.cpu import CpuSearch
-
-    return CpuSearch()
-
-
-def with_room(search: NeighbourSearch, points: int) -> tuple[NeighbourSearch, tuple[str, ...]]:
-    """The device, or the CPU where its memory does not hold so many points; and warnings."""
-    if points <= search.most_points:
-        return search, ()
-    found = f"{points:,} points, of which the GPU's memory holds {search.most_points:,}"
-    return create_search(), (f"neighbours are found on the CPU: {found}",)

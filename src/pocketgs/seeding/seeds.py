@@ -10,7 +10,8 @@ from scipy.spatial.transform import Rotation
 from pocketgs.errors import PocketGSError
 from pocketgs.scene.gaussians import SH_COEFFICIENTS, SH_DC, Gaussians
 from pocketgs.scene.point_cloud import PointCloud
-from pocketgs.seeding.neighbourhoods import MIN_POINTS, Neighbourhoods, NeighbourSearch, create_search
+from pocketgs.seeding.cpu import CpuSearch
+from pocketgs.seeding.neighbourhoods import MIN_POINTS, Neighbourhoods, NeighbourSearch
 
 THICKNESS = 0.3
 """Scale of a disc along the surface normal, relative to that along the surface."""
@@ -84,7 +85,7 @@ def _neighbourhoods(points: PointCloud, search: NeighbourSearch | None) -> Neigh
     if len(kept) < MIN_POINTS:
         found = f"{len(points)} points to start from, {len(kept)} of them distinct"
         raise PocketGSError(f"seeding: {found}, expected at least {MIN_POINTS}")
-    around = (search or create_search()).around(points.positions[kept])
+    around = (search or CpuSearch()).around(points.positions[kept])
     rows = np.searchsorted(kept, first[members.reshape(-1)])
     return Neighbourhoods(around.spacing[rows], around.normals[rows], around.tangents[rows])
 

@@ -12,7 +12,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from pocketgs.errors import PocketGSError, short
-from pocketgs.files.zip_names import without_here
+from pocketgs.files.paths import without_here
 from pocketgs.serve.shelf import free_bytes
 
 MAX_FILES = 50_000

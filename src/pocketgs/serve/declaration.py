@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import PurePosixPath
 from typing import Any
 
+from pocketgs.capture.decoding.video_file import VIDEO_SUFFIXES
 from pocketgs.capture.unposed import by_number
-from pocketgs.capture.video_file import VIDEO_SUFFIXES
 from pocketgs.files.paths import IMAGE_SUFFIXES
 from pocketgs.serve.entry import Entry, Kind, UploadedFile
 from pocketgs.serve.refused import RefusedError

@@ -10,10 +10,10 @@ import shutil
 import sys
 from pathlib import Path
 
-from pocketgs.capture.image_file import read_header
+from pocketgs.capture.decoding.image_file import read_header
+from pocketgs.capture.decoding.video_file import VideoFrame, read_frames, video_size
 from pocketgs.capture.open import lacks_poses, read_listing, video_of
 from pocketgs.capture.unposed import find_photographs, is_video
-from pocketgs.capture.video_file import VideoFrame, read_frames, video_size
 from pocketgs.errors import USER_ERROR, PocketGSError
 from pocketgs.serve.archive import unpack
 from pocketgs.serve.child import end_with

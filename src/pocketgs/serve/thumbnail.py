@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from pocketgs.capture.image_file import read_colour
+from pocketgs.capture.decoding.image_file import read_colour
 from pocketgs.files.atomic_file import replacing
 from pocketgs.results.folder import PICTURES
 

@@ -103,16 +103,16 @@ class Loop:
         rates, number = self._pace.rates(self.iteration, seconds), self.iteration + 1
         collected = self._strategy.collected(number)
         settings = StepSettings(
-            rates,
-            self._strategy.loss(self._recipe.loss),
-            self._recipe.adam,
-            self._capture.background,
-            self._recipe.active_degree(number),
-            collected.statistics,
-            collected.errors,
-            self._strategy.noise(number, rates.means / self._first_rates.means),
-            dropout_of_step(self._dropout, number, self._options.seed),
-            colour_settings(rates.sh_dc / self._first_rates.sh_dc) if self._learns_colours else None,
+            rates=rates,
+            loss=self._strategy.loss(self._recipe.loss),
+            adam=self._recipe.adam,
+            background=self._capture.background,
+            sh_degree=self._recipe.active_degree(number),
+            statistics=collected.statistics,
+            errors=collected.errors,
+            noise=self._strategy.noise(number, rates.means / self._first_rates.means),
+            dropout=dropout_of_step(self._dropout, number, self._options.seed),
+            colours=colour_settings(rates.sh_dc / self._first_rates.sh_dc) if self._learns_colours else None,
         )
         self._engine.step(self._next_view(), settings)
         self._pace.after_step(number, seconds, self._engine)

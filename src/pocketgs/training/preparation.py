@@ -19,7 +19,7 @@ from pocketgs.prior.keyframes import KeyframeSettings
 from pocketgs.prior.poses.structure import StructureSettings
 from pocketgs.prior.prior import PreparedCapture, PriorSettings, build_prior
 from pocketgs.scene.point_cloud import PointCloud
-from pocketgs.splat.engine import chosen_engine
+from pocketgs.splat.choose_engine import chosen_engine
 from pocketgs.structure_from_motion.process import check_installed
 from pocketgs.structure_from_motion.sparse_cloud import triangulate
 from pocketgs.system.cores import kernel_threads

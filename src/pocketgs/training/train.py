@@ -12,9 +12,10 @@ from pocketgs.prior.report import PriorReport
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.scene.morton import morton_order
 from pocketgs.scene.point_cloud import PointCloud
-from pocketgs.seeding.neighbourhoods import create_search, with_room
+from pocketgs.seeding.devices import create_search, with_room
 from pocketgs.seeding.seeds import SEEDINGS
-from pocketgs.splat.engine import Engine, chosen_engine, create_engine
+from pocketgs.splat.choose_engine import chosen_engine, create_engine
+from pocketgs.splat.engine import Engine
 from pocketgs.system.interrupt import deferred_interrupt
 from pocketgs.system.process import peak_rss_mb
 from pocketgs.system.stopwatch import Stopwatch

@@ -11,6 +11,7 @@ from pocketgs.splat.constants import ALPHA_MAX, ALPHA_MIN, FRUSTUM_MARGIN, LOW_P
 from pocketgs.splat.webgpu.layout import FIRST_COLUMNS, SHAPE_COLUMNS, TILE
 from pocketgs.splat.webgpu.memory import GROWTH, INTERSECTIONS_PER_GAUSSIAN, MIN_INTERSECTIONS
 from pocketgs.splat.webgpu.shader_files import MAX_LOG_SCALE
+from pocketgs.system.device import MB
 
 MODULE = "constants.js"
 """Its path on the page."""
@@ -23,7 +24,7 @@ _CONSTANTS = {
     "INTERSECTIONS_PER_GAUSSIAN": INTERSECTIONS_PER_GAUSSIAN,
     "LOG_SCALE": FIRST_COLUMNS["log_scales"],
     "LOW_PASS": LOW_PASS,
-    "MAX_BYTES": DEFAULT_MB * 1_000_000,
+    "MAX_BYTES": DEFAULT_MB * MB,
     "MAX_LOG_SCALE": MAX_LOG_SCALE,
     "MEAN": FIRST_COLUMNS["means"],
     "MIN_INTERSECTIONS": MIN_INTERSECTIONS,

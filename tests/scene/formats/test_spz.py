@@ -16,7 +16,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pocketgs.cli.convert import convert
+from pocketgs.cli.commands.convert import convert
 from pocketgs.errors import PocketGSError
 from pocketgs.scene.formats import spz
 from pocketgs.scene.formats.axes import RIGHT_UP_BACK, half_turn

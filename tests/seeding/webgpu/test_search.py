@@ -14,7 +14,7 @@ from pocketgs.capture import open_capture
 from pocketgs.scene.gaussians import SH_COEFFICIENTS
 from pocketgs.scene.morton import morton_order
 from pocketgs.seeding.cpu import CpuSearch
-from pocketgs.seeding.neighbourhoods import create_search, with_room
+from pocketgs.seeding.devices import create_search, with_room
 from pocketgs.seeding.seeds import SEEDINGS
 from pocketgs.seeding.webgpu.layout import BOX_BYTES, MOST_NEIGHBOURS, POINT_BYTES, numbers_of
 from pocketgs.seeding.webgpu.search import WebGpuSearch

@@ -22,7 +22,7 @@ from PIL import Image
 from pocketgs.errors import PocketGSError
 from pocketgs.files.atomic_file import replacing
 from pocketgs.files.memory_bound import JSON_BYTES, require_memory
-from pocketgs.files.zip_names import without_here
+from pocketgs.files.paths import without_here
 from pocketgs.geometry.quaternions import MAX_OTHER, drop_largest, restore_largest, unit
 from pocketgs.scene.formats import antialiased
 from pocketgs.scene.formats.activations import opacity_from_byte, opacity_to_byte

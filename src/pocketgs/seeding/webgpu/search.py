@@ -11,7 +11,7 @@ from pocketgs.scene.morton import morton_order
 from pocketgs.seeding.neighbourhoods import Neighbourhoods
 from pocketgs.seeding.webgpu.layout import LARGEST_BYTES, POINT_BYTES, numbers_of
 from pocketgs.seeding.webgpu.passes import LOOK_AROUND, describe_neighbourhoods
-from pocketgs.system.device_name import DeviceName
+from pocketgs.system.device import MB, DeviceName
 
 
 class WebGpuSearch:
@@ -30,7 +30,7 @@ class WebGpuSearch:
     def __init__(self, gpu: str | None = None, max_memory: int = 3000) -> None:
         adapter = choose_adapter(gpu)
         self.executor = Executor(shared_device(adapter), describe_neighbourhoods())
-        self.most_points = min(adapter.largest_buffer // LARGEST_BYTES, max_memory * 1_000_000 // POINT_BYTES)
+        self.most_points = min(adapter.largest_buffer // LARGEST_BYTES, max_memory * MB // POINT_BYTES)
 
     def around(self, positions: np.ndarray) -> Neighbourhoods:
         """The neighbourhood of every point."""

@@ -13,7 +13,8 @@ from pocketgs.capture.capture import Frame
 from pocketgs.geometry.camera import Camera
 from pocketgs.prior.depth.cpu.stereo import CpuStereo
 from pocketgs.prior.depth.depth_range import DepthRange
-from pocketgs.prior.depth.stereo import Stereo, StereoExtent, with_room
+from pocketgs.prior.depth.room import with_room
+from pocketgs.prior.depth.stereo import Stereo, StereoExtent
 from pocketgs.prior.depth.sweep import SweepSettings
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.engine import Engine

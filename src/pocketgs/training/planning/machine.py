@@ -6,12 +6,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from pocketgs.geometry.lens import COEFFICIENT_COUNTS
-from pocketgs.prior.depth.stereo import Stereo, StereoExtent, StereoNeed, need_of
+from pocketgs.prior.depth.room import need_of
+from pocketgs.prior.depth.stereo import Stereo, StereoExtent, StereoNeed
 from pocketgs.splat.engine import Engine
 from pocketgs.system.compile import is_compiled
 from pocketgs.system.compiled_variants import is_compiled_for
 from pocketgs.system.cores import kernel_threads, usable_cores
-from pocketgs.system.memory_need import MemoryNeed
+from pocketgs.system.device import MemoryNeed
 from pocketgs.system.process import resident_bytes
 from pocketgs.training.options import SizedOptions
 from pocketgs.training.planning.calibration import Speed, times_prior

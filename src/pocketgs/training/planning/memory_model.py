@@ -12,10 +12,8 @@ from pocketgs.prior.cloud.volume import DEPTHS, KEPT
 from pocketgs.prior.depth.stereo import StereoNeed
 from pocketgs.prior.features.detection import FEATURES, MAX_AT_ONCE, detection_side
 from pocketgs.prior.poses.structure import StructureSettings
-from pocketgs.system.memory_need import MemoryNeed
+from pocketgs.system.device import MB, MemoryNeed
 from pocketgs.training.planning.work import Work
-
-MB = 1_000_000
 
 LIBRARIES = 25 * MB
 """Libraries loaded after planning."""

@@ -16,11 +16,11 @@ from pocketgs.capture.listed import ListedCapture
 from pocketgs.capture.outline import Outline
 from pocketgs.errors import PocketGSError
 from pocketgs.prior.depth.stereo import StereoNeed
-from pocketgs.system.memory_need import MemoryNeed
+from pocketgs.system.device import MB, MemoryNeed
 from pocketgs.training.options import SizedOptions
 from pocketgs.training.planning.calibration import Speed
 from pocketgs.training.planning.machine import Machine
-from pocketgs.training.planning.memory_model import MB, readers_that_fit, stage_bytes
+from pocketgs.training.planning.memory_model import readers_that_fit, stage_bytes
 from pocketgs.training.planning.time_model import Timetable, timetable
 from pocketgs.training.planning.work import Work
 

@@ -11,7 +11,7 @@ from pocketgs.splat.engine import Engine
 from pocketgs.splat.rows import RowChange
 from pocketgs.splat.settings import LossSettings, PositionNoise
 from pocketgs.training.strategies.division import logit
-from pocketgs.training.strategies.relocation import shared
+from pocketgs.training.strategies.relocation import compute_relocation
 from pocketgs.training.strategies.strategy import Collected, StrategyContext
 
 MAX_OPACITY = 1.0 - 1e-6
@@ -104,7 +104,7 @@ class MCMC:
         """Copy rows, and divide opacity and size among the copies of each source."""
         sharing = np.bincount(sources, minlength=len(scene))
         rows = np.flatnonzero(sharing[sources] > 1).astype(np.int32)
-        opacities, shrinking = shared(scene.opacities[sources[rows]], sharing[sources[rows]])
+        opacities, shrinking = compute_relocation(scene.opacities[sources[rows]], sharing[sources[rows]])
         opacities = np.clip(opacities, self._relocation.dead, MAX_OPACITY)
         fresh = np.zeros(len(sources), np.bool_)
         fresh[rows] = True
