@@ -33,6 +33,9 @@ POINTS_AT_ONCE = 1 << 14
 # A point: id (8), position (24), colour (3), error (8), then the length of its track.
 POSITION_OFFSET, COLOUR_OFFSET, TRACK_OFFSET = 8, 32, 43
 
+WHOLE = ": was it copied as a whole?"
+"""Ends messages about files that end early."""
+
 
 class _Cursor:
     """Reads a file's bytes in order; raises PocketGSError at a premature end."""
@@ -61,7 +64,8 @@ class _Cursor:
         """Read a count, and check that the rest of the file can hold as many items."""
         (number,) = self.unpack(COUNT)
         if number > (len(self.data) - self.offset) // smallest_item:
-            raise PocketGSError(f"{self.path}: states {number} items, more than its {len(self.data)} bytes can hold")
+            held = f"more than its {len(self.data)} bytes can hold"
+            raise PocketGSError(f"{self.path}: states {number} items, {held}{WHOLE}")
         return int(number)
 
     def text(self) -> str:
@@ -76,7 +80,7 @@ class _Cursor:
             raise PocketGSError(f"{self.path}: an image name at byte {start} is not UTF-8") from error
 
     def truncated(self) -> PocketGSError:
-        return PocketGSError(f"{self.path}: ends after {len(self.data)} bytes, in the middle of an item")
+        return PocketGSError(f"{self.path}: ends after {len(self.data)} bytes, in the middle of an item{WHOLE}")
 
 
 def read_cameras(path: Path, used: Collection[int] | None = None) -> dict[int, ColmapCamera]:

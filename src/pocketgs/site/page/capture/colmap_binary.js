@@ -35,7 +35,8 @@ class Cursor {
     skip(bytes) {
         const start = this.#at;
         if (start + bytes > this.#bytes.length) {
-            throw new Error(`${this.path}: ends after ${this.#bytes.length} bytes, in the middle of an item`);
+            const where = `ends after ${this.#bytes.length} bytes, in the middle of an item`;
+            throw new Error(`${this.path}: ${where}: was it copied as a whole?`);
         }
         this.#at = start + bytes;
         return start;
@@ -50,7 +51,8 @@ class Cursor {
     count(smallest) {
         const count = this.long();
         if (count > (this.#bytes.length - this.#at) / smallest) {
-            throw new Error(`${this.path}: states ${count} items, more than its ${this.#bytes.length} bytes can hold`);
+            const held = `more than its ${this.#bytes.length} bytes can hold`;
+            throw new Error(`${this.path}: states ${count} items, ${held}: was it copied as a whole?`);
         }
         return count;
     }
