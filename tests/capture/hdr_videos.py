@@ -51,6 +51,9 @@ def write_hdr(path: Path, frames: int, primaries: int, transfer: int) -> None:
     row = (hlg_signal if transfer == 18 else pq_signal)(luminance)
     signal = np.repeat(np.repeat(row[None], SIDE, axis=0), SIDE, axis=1)
     picture = av.VideoFrame.from_ndarray(np.round(65535 * signal).astype(np.uint16), format="rgb48le")
+    stored = picture.reformat(
+        format="yuv420p10le", src_colorspace=0, dst_colorspace=9, src_color_range=2, dst_color_range=1
+    )
     stated = {"colorprim": NAMES[primaries], "transfer": NAMES[transfer], "colormatrix": "bt2020nc"}
     options = ":".join(["log-level=none", *(f"{name}={value}" for name, value in stated.items())])
     with av.open(str(path), "w") as file:
@@ -58,6 +61,7 @@ def write_hdr(path: Path, frames: int, primaries: int, transfer: int) -> None:
         stream.height, stream.width = signal.shape[:2]
         stream.pix_fmt = "yuv420p10le"
         stream.codec_context.codec_tag = "hvc1"
-        for _ in range(frames):
-            file.mux(stream.encode(picture.reformat(format="yuv420p10le", dst_colorspace=9)))
+        for number in range(frames):
+            stored.pts = number
+            file.mux(stream.encode(stored))
         file.mux(stream.encode())

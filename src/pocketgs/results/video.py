@@ -19,8 +19,15 @@ CODEC, PIXELS = "libx264", "yuv420p"
 QUALITY = {"crf": "18", "preset": "medium"}
 """A constant rate factor that is close to what eyes can tell from the pictures."""
 
-BT709, LIMITED = 1, 1
-"""Numbers of the colours and of their range in video files (ITU-T H.273)."""
+BT709, LIMITED, OF_RGB, FULL = 1, 1, 0, 2
+"""Numbers of colours and ranges in video files (ITU-T H.273)."""
+
+TO_BT709 = {
+    "src_colorspace": OF_RGB,
+    "dst_colorspace": BT709,
+    "src_color_range": FULL,
+    "dst_color_range": LIMITED,
+}
 
 MARK = "rendered by PocketGS"
 """Comment in the file, by which a video that may be replaced is told from a camera's."""
@@ -82,7 +89,7 @@ def _encode(file: BinaryIO, frames: Iterable[np.ndarray], fps: float) -> None:
                 codec.colorspace = codec.color_primaries = codec.color_trc = BT709
                 codec.color_range = LIMITED
             picture = av.VideoFrame.from_ndarray(frame, format="rgb24")
-            container.mux(stream.encode(picture.reformat(format=PIXELS, dst_colorspace=BT709)))
+            container.mux(stream.encode(picture.reformat(format=PIXELS, **TO_BT709)))
         if stream is not None:
             container.mux(stream.encode())
 

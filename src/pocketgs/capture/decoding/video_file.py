@@ -23,6 +23,12 @@ VIDEO_SUFFIXES = frozenset({".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm", ".3
 DECODING = 24
 """Bytes per pixel while a frame is decoded: its planes, the reference frames, and its colours."""
 
+OF_RGB, FULL_RANGE = 0, 2
+"""Numbers of the matrix and of the range of RGB (ITU-T H.273)."""
+
+EIGHT_BITS, SIXTEEN_BITS = "rgb24", "gbrp16le"
+"""Pixel formats of RGB. FFmpeg 8.0 converts 10 bits to packed 16 bits wrongly, but not to planes."""
+
 WITH_BRIGHTNESS = frozenset({"yuv420p", "yuvj420p", "nv12"})
 """Pixel formats whose first plane is the brightness in bytes: those of most videos. Converting takes as long as
 decoding."""
@@ -119,11 +125,20 @@ class _DecodedVideo:
         """(H, W, 3) uint8 sRGB."""
         codec = self.stream.codec_context
         stated = codec.color_primaries, codec.color_trc
-        if is_srgb(*stated):
-            image = frame.to_ndarray(format="rgb24")
-        else:
-            image = to_srgb(frame.to_ndarray(format="rgb48le"), *stated)
+        image = _in_rgb(frame, EIGHT_BITS) if is_srgb(*stated) else to_srgb(_in_rgb(frame, SIXTEEN_BITS), *stated)
         return np.ascontiguousarray(np.rot90(image, _quarter_turns(frame))) if upright else image
+
+
+def _in_rgb(frame: av.VideoFrame, pixel_format: str) -> np.ndarray:
+    """(H, W, 3) RGB by the matrix that the video states, which PyAV before 17 uses only where the other one differs."""
+    matrix, levels = int(frame.colorspace), int(frame.color_range)
+    return frame.to_ndarray(
+        format=pixel_format,
+        src_colorspace=matrix,
+        dst_colorspace=OF_RGB,
+        src_color_range=levels,
+        dst_color_range=FULL_RANGE,
+    )
 
 
 def _brightness(frame: av.VideoFrame) -> np.ndarray:
