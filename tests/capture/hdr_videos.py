@@ -1,4 +1,4 @@
-"""HDR videos as phones record them: HEVC of ten bits per colour, in HLG or PQ."""
+"""HDR videos in the colours that phones record: ten bits, in HLG or PQ."""
 
 from __future__ import annotations
 
@@ -15,9 +15,6 @@ PAPER = 203.0
 
 SIDE = 64
 """Pixels of a colour's square."""
-
-NAMES = {1: "bt709", 9: "bt2020", 16: "smpte2084", 18: "arib-std-b67"}
-"""What x265 calls the numbers of ITU-T H.273."""
 
 BT2020_FROM_709 = np.array([[0.6274, 0.3293, 0.0433], [0.0691, 0.9195, 0.0114], [0.0164, 0.0880, 0.8956]])
 
@@ -38,10 +35,10 @@ def pq_signal(luminance: np.ndarray) -> np.ndarray:
 
 
 def write_hdr(path: Path, frames: int, primaries: int, transfer: int) -> None:
-    """Frames that show the palette.
+    """Frames that show the palette, without loss.
 
     Args:
-        path: ending in .mov or .mp4.
+        path: ending in .mkv.
         frames: how many.
         primaries: 1 or 9.
         transfer: 16 or 18.
@@ -54,13 +51,12 @@ def write_hdr(path: Path, frames: int, primaries: int, transfer: int) -> None:
     stored = picture.reformat(
         format="yuv420p10le", src_colorspace=0, dst_colorspace=9, src_color_range=2, dst_color_range=1
     )
-    stated = {"colorprim": NAMES[primaries], "transfer": NAMES[transfer], "colormatrix": "bt2020nc"}
-    options = ":".join(["log-level=none", *(f"{name}={value}" for name, value in stated.items())])
     with av.open(str(path), "w") as file:
-        stream = file.add_stream("libx265", rate=30, options={"crf": "4", "x265-params": options})
+        stream = file.add_stream("ffv1", rate=30)
         stream.height, stream.width = signal.shape[:2]
         stream.pix_fmt = "yuv420p10le"
-        stream.codec_context.codec_tag = "hvc1"
+        codec = stream.codec_context
+        codec.colorspace, codec.color_range, codec.color_primaries, codec.color_trc = 9, 1, primaries, transfer
         for number in range(frames):
             stored.pts = number
             file.mux(stream.encode(stored))

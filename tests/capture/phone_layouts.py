@@ -79,7 +79,7 @@ def write_stray_scanner(capture: Capture, folder: Path) -> None:
 
 
 def write_lossless_video(path: Path, images: list[np.ndarray]) -> None:
-    """Unlike `write_video`: MPEG-4 leaves little of images as small as those of tests."""
+    """Unlike `write_video`: H.264 leaves little of images as small as those of tests."""
     height, width = images[0].shape[:2]
     writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*"FFV1"), 60, (width, height))
     for image in images:

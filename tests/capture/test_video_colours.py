@@ -86,7 +86,7 @@ def test_every_row_is_mapped_alike(height, width):
 @pytest.mark.parametrize("transfer", [HLG, PQ])
 @pytest.mark.parametrize("primaries", [BT2020, BT709])
 def test_videos(tmp_path: Path, transfer: int, primaries: int) -> None:
-    path = tmp_path / "hdr.mov"
+    path = tmp_path / "hdr.mkv"
     write_hdr(path, frames=3, primaries=primaries, transfer=transfer)
     [(_, frame)] = read_frames(path, [1])
     height, width = frame.shape[:2]

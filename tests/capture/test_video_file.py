@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import struct
+from fractions import Fraction
 from pathlib import Path
 
+import av
 import cv2
 import numpy as np
 import pytest
@@ -11,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from capture.phone_layouts import with_quarter_turn
-from pocketgs.capture.decoding.video_file import read_frames, sharpest_frames, video_size
+from pocketgs.capture.decoding.video_file import read_frames, sharpest_frames, sharpness_of_frames, video_size
 from pocketgs.capture.sharpness import sharpest_in_windows, sharpness
 from pocketgs.errors import PocketGSError
 from pocketgs.results.video import write_video
@@ -104,6 +107,48 @@ def test_what_is_no_video_is_named(tmp_path, read, content):
         path.write_bytes(content)
     with pytest.raises(PocketGSError, match=r"walk\.mp4"):
         read(path)
+
+
+def with_matrix(mp4: bytes, numbers: list[int]) -> bytes:
+    """A video with another track matrix (ISO 14496-12, 8.3.2)."""
+    start = mp4.index(b"tkhd") + 4 + 40
+    return mp4[:start] + struct.pack(">9i", *numbers) + mp4[start + 36 :]
+
+
+@pytest.mark.parametrize("numbers", [[0] * 9, [20000, 62000, 0, -62000, 20000, 0, 0, 0, 1 << 30]])
+def test_a_matrix_that_is_no_quarter_turn_is_ignored(video, tmp_path, numbers):
+    other = tmp_path / "tilted.mp4"
+    other.write_bytes(with_matrix(video.read_bytes(), numbers))
+    assert video_size(other) == (WIDTH, HEIGHT)
+    [(_, frame)], [(_, expected)] = read_frames(other, [3]), read_frames(video, [3])
+    np.testing.assert_array_equal(frame, expected)
+
+
+def test_frames_end_where_the_video_is_damaged(tmp_path):
+    """Frames after it would have wrong numbers: recordings of phone apps refer to frames by number."""
+    path = tmp_path / "damaged.mkv"
+    with av.open(str(path), "w") as file:
+        stream = file.add_stream("ffv1", rate=30)
+        stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, "yuv420p"
+        for number in range(COUNT):
+            for packet in stream.encode(av.VideoFrame.from_ndarray(textured(number), format="rgb24")):
+                if number == 5:
+                    packet = av.Packet(b"\xff" * 8)
+                    packet.stream, packet.pts, packet.dts, packet.time_base = stream, 5, 5, Fraction(1, 30)
+                file.mux(packet)
+    assert len(sharpness_of_frames(path)) == 5
+    assert [number_of(frame) for _, frame in read_frames(path, range(5))] == list(range(5))
+    with pytest.raises(PocketGSError, match="frame 7 cannot be decoded, the video ends after 5 frames"):
+        list(read_frames(path, [7]))
+
+
+@pytest.mark.parametrize("codec", [b"encv", b"xyz1"])
+def test_a_codec_without_decoder_is_named(video, tmp_path, codec):
+    path = tmp_path / "locked.mp4"
+    path.write_bytes(video.read_bytes().replace(b"avc1", codec))
+    for read in (video_size, sharpness_of_frames, lambda path: list(read_frames(path, [0]))):
+        with pytest.raises(PocketGSError, match=r"locked\.mp4: (cannot be opened as a video|.*can(not)? be decoded)"):
+            read(path)
 
 
 @pytest.mark.parametrize("indices", [[COUNT], [0, 5, 1000], [-1]])

@@ -89,7 +89,7 @@ def test_videos(tmp_path: Path) -> None:
     film = cv2.VideoWriter(str(tmp_path / "film.mp4"), cv2.VideoWriter.fourcc(*"MJPG"), 30, (16, 16))
     film.write(FRAMES[0])
     film.release()
-    with pytest.raises(PocketGSError, match="not a video as render writes them"):
+    with pytest.raises(PocketGSError, match="not a video that this version of render wrote"):
         check_place(tmp_path / "film.mp4", VIDEO_FILE, [])
 
 
@@ -99,7 +99,7 @@ def test_render_does_not_replace_a_film(
     (tmp_path / "film.mp4").write_text("a film")
     outcome = pocketgs("render", result, written_capture, "--output", tmp_path / "film.mp4", "--frames", 2)
     assert outcome.status == 2
-    assert "not a video as render writes them" in outcome.errors
+    assert "not a video that this version of render wrote" in outcome.errors
     assert (tmp_path / "film.mp4").read_text() == "a film"
 
 

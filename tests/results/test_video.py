@@ -9,7 +9,6 @@ import cv2
 import numpy as np
 import pytest
 
-from capture.hdr_videos import write_hdr
 from pocketgs.errors import PocketGSError
 from pocketgs.results.video import is_written_video, write_video
 
@@ -56,7 +55,8 @@ def test_plays_on_phones_and_in_browsers(tmp_path: Path) -> None:
 def test_written_videos_are_told_from_others(tmp_path: Path) -> None:
     write_video(tmp_path / "orbit.mp4", grey_frames(2))
     assert is_written_video(tmp_path / "orbit.mp4")
-    write_hdr(tmp_path / "phone.mp4", frames=2, primaries=9, transfer=18)
+    written = (tmp_path / "orbit.mp4").read_bytes()
+    (tmp_path / "phone.mp4").write_bytes(written.replace(b"rendered", b"recorded"))
     assert not is_written_video(tmp_path / "phone.mp4")
     (tmp_path / "empty.mp4").write_bytes(b"no video")
     with pytest.raises(PocketGSError, match=r"empty\.mp4: cannot be opened as a video"):
@@ -93,6 +93,7 @@ def test_failure_keeps_the_old_video(tmp_path: Path) -> None:
         ("a.mp4", grey_frames(1), float("inf"), "found inf, expected 0.1"),
         ("a.mp4", [np.zeros((48, 64, 3))], 30, "frame 0 is float64"),
         ("a.mp4", grey_frames(1) + grey_frames(1, 24, 64), 30, "frame 1 has size"),
+        ("a.mp4", grey_frames(1, 2, 17000), 30, "cannot be written as H.264 video"),
     ],
 )
 def test_what_cannot_be_written_is_named(

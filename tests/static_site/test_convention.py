@@ -17,7 +17,7 @@ from pocketgs.geometry.camera import Camera
 from pocketgs.prior.features.cpu.finder import CpuFinder
 from pocketgs.prior.features.features import Features
 from pocketgs.prior.features.two_view import Matches, match_views
-from pocketgs.prior.poses.convention import MisreadPosesError, check_adjusted, check_convention
+from pocketgs.prior.poses.convention import Agreement, MisreadPosesError, check_adjusted, check_convention
 from static_site.given import OPEN_FINDER, TYPED, plain, plain_cloud, plain_frames
 
 Call = Callable[..., Any]
@@ -100,7 +100,7 @@ def test_adjusted_poses_are_judged_as_in_python(call: Call, walk: Walk) -> None:
         const matches = given.matches.map((one) => ({ ...one, pairs: Int32Array.from(one.pairs) }));
         return given.cases.map(([share, cameras]) => {
             try {
-                module.checkAdjusted(share, cameras, features, matches, settings.prior.poses);
+                module.checkAdjusted({ share, matches: 700 }, cameras, features, matches, settings.prior.poses);
                 return "";
             } catch (error) {
                 return error.message;
@@ -111,10 +111,9 @@ def test_adjusted_poses_are_judged_as_in_python(call: Call, walk: Walk) -> None:
     given = plain_walk(walk) | {"cases": [[share, [plain(camera) for camera in some]] for share, some in cases]}
     right, refused, mostly_right = call("prior/poses/convention.js", script, given)
     assert right == mostly_right == ""
-    found = sum(map(len, walk.matches.values()))
-    assert f"70 % of {found} matches contradict the capture's poses" in refused
-    with pytest.raises(PocketGSError, match="70% of"):
-        check_adjusted(0.3, wrong, [view.pixels for view in walk.features], walk.matches)
+    assert "70 % of 700 matches contradict the capture's poses" in refused
+    with pytest.raises(PocketGSError, match="70% of 700"):
+        check_adjusted(Agreement(0.3, 700), wrong, [view.pixels for view in walk.features], walk.matches)
 
 
 def test_conventions_are_pythons(call: Call, walk: Walk) -> None:

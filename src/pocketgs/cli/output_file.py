@@ -28,14 +28,14 @@ class Kind:
 
 
 def _is_written_video(path: Path) -> bool:
-    # Imported here because OpenCV is slow to load.
+    # Imported here because FFmpeg's libraries are slow to load.
     from pocketgs.results.video import is_written_video
 
     return is_written_video(path)
 
 
 SCENE_FILE = Kind("a scene", is_scene)
-VIDEO_FILE = Kind("a video as render writes them", _is_written_video)
+VIDEO_FILE = Kind("a video that this version of render wrote", _is_written_video)
 
 
 def json_with(what: str, *keys: str) -> Kind:

@@ -19,7 +19,17 @@ from pocketgs.training.planning.plan import Plan
 from pocketgs.training.result import TrainingResult
 from pocketgs.training.transients import is_left_out
 
-DEPENDENCIES = ("numpy", "numba", "llvmlite", "opencv-python-headless", "scipy", "pillow", "wgpu", "flip-evaluator")
+DEPENDENCIES = (
+    "numpy",
+    "numba",
+    "llvmlite",
+    "opencv-python-headless",
+    "scipy",
+    "pillow",
+    "av",
+    "wgpu",
+    "flip-evaluator",
+)
 
 
 def summarise(

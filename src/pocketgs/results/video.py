@@ -9,6 +9,7 @@ from typing import BinaryIO
 
 import av
 import numpy as np
+from av.codec.codec import UnknownCodecError
 
 from pocketgs.errors import PocketGSError
 from pocketgs.files.atomic_file import replacing
@@ -17,7 +18,7 @@ CODEC, PIXELS = "libx264", "yuv420p"
 """H.264 with halved colour resolution: what phones, browsers and messengers play."""
 
 QUALITY = {"crf": "18", "preset": "medium"}
-"""A constant rate factor that is close to what eyes can tell from the pictures."""
+"""A constant rate factor at which eyes hardly tell the video from the pictures."""
 
 BT709, LIMITED, OF_RGB, FULL = 1, 1, 0, 2
 """Numbers of colours and ranges in video files (ITU-T H.273)."""
@@ -48,8 +49,8 @@ def write_video(path: str | Path, frames: Iterable[np.ndarray], fps: float = 30.
         fps: frames per second.
 
     Raises:
-        PocketGSError: the path does not end in .mp4 or cannot be written, there are no frames, or one is not an RGB
-            image of the first one's size.
+        PocketGSError: the path does not end in .mp4 or cannot be written, there are no frames, one is not an RGB image
+            of the first one's size, or they are too large for the codec.
     """
     path = Path(path)
     if path.suffix.lower() != ".mp4":
@@ -59,7 +60,10 @@ def write_video(path: str | Path, frames: Iterable[np.ndarray], fps: float = 30.
     if not path.parent.is_dir():
         raise PocketGSError(f"{path}: there is no folder {path.parent}")
     with replacing(path) as partial, partial.open("wb") as file:
-        _encode(file, _even_frames(frames, path), fps)
+        try:
+            _encode(file, _even_frames(frames, path), fps)
+        except (av.FFmpegError, UnknownCodecError) as error:
+            raise PocketGSError(f"{path}: cannot be written as H.264 video ({error})") from error
 
 
 def is_written_video(path: Path) -> bool:
@@ -82,7 +86,7 @@ def _encode(file: BinaryIO, frames: Iterable[np.ndarray], fps: float) -> None:
         container.metadata["comment"] = MARK
         for frame in frames:
             if stream is None:
-                stream = container.add_stream(CODEC, rate=Fraction(fps).limit_denominator(1000), options=QUALITY)
+                stream = container.add_stream(CODEC, rate=Fraction(fps).limit_denominator(1001), options=QUALITY)
                 stream.height, stream.width = frame.shape[:2]
                 stream.pix_fmt = PIXELS
                 codec = stream.codec_context

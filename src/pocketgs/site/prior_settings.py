@@ -125,6 +125,7 @@ def _poses() -> dict[str, Any]:
                 "clear": convention.CLEAR,
                 "contradicted": convention.CONTRADICTED,
                 "mostly": convention.MOSTLY,
+                "mended": convention.MENDED,
                 "min_matches": convention.MIN_MATCHES,
             },
             "cells": support.CELLS,

@@ -133,13 +133,13 @@ class _Run:
 
     def __init__(self, module: str, log: Path) -> None:
         self._log, self._outcome = log, None
-        # The same package as here, also if a relative path leads to it.
-        places = [str(Path(__file__).resolve().parents[2]), os.environ.get("PYTHONPATH")]
+        # Relative places are meant from here, not from the child's folder.
+        places = map(os.path.abspath, filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep)))
         with log.open("w", encoding="utf-8") as errors:
             self._process = subprocess.Popen(
                 [sys.executable, "-m", f"{__package__}.colmap.{module}"],
                 cwd=log.parent,  # Python imports from the working folder first, which may be an untrusted download
-                env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, places))},
+                env={**os.environ, "PYTHONPATH": os.pathsep.join(places)},
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=errors,

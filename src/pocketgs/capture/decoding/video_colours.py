@@ -38,7 +38,7 @@ ROWS_AT_ONCE = 32
 
 
 def is_srgb(primaries: int, transfer: int) -> bool:
-    """Whether a video's colours are sRGB's, as far as its eight bits tell, or unknown.
+    """Whether a video's colours can be taken for sRGB's, as those of BT.709 and unstated ones.
 
     Args:
         primaries: number of the colour primaries that the video states (ITU-T H.273, table 2).

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     import av
 
 VIDEO_SUFFIXES = frozenset({".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm", ".3gp"})
-DECODING = 24
-"""Bytes per pixel while a frame is decoded: its planes, the reference frames, and its colours."""
+DECODING = 40
+"""Bytes per pixel while a frame is decoded: its planes, the reference frames, and its colours, of 16 bits for HDR."""
 
 OF_RGB, FULL_RANGE = 0, 2
 """Numbers of the matrix and of the range of RGB (ITU-T H.273)."""
@@ -151,7 +151,8 @@ def _brightness(frame: av.VideoFrame) -> np.ndarray:
 
 def _quarter_turns(frame: av.VideoFrame) -> int:
     """Counterclockwise quarter turns that bring a frame upright, as the file states."""
-    return round(frame.rotation / 90)
+    degrees = frame.rotation  # of a damaged matrix, any number
+    return degrees // 90 if degrees % 90 == 0 and abs(degrees) <= 360 else 0
 
 
 @contextmanager
@@ -166,9 +167,9 @@ def _decoded(path: Path) -> Iterator[_DecodedVideo]:
     except (av.FFmpegError, ValueError) as error:
         raise PocketGSError(f"{path}: cannot be opened as a video") from error
     with file:
-        if not file.streams.video:
+        stream = next(iter(file.streams.video), None)
+        if stream is None or stream.codec_context is None:  # without a codec, FFmpeg has no decoder
             raise PocketGSError(f"{path}: cannot be opened as a video")
-        stream = file.streams.video[0]
         width, height = stream.codec_context.width, stream.codec_context.height
         require_memory(path, DECODING * width * height, f"frames of {width}x{height} pixels")
         stream.thread_type = "AUTO"
@@ -176,16 +177,11 @@ def _decoded(path: Path) -> Iterator[_DecodedVideo]:
 
 
 def _frames(file: av.container.InputContainer, stream: av.VideoStream) -> Iterator[av.VideoFrame]:
-    """Decode until the end. What is damaged is passed over, as players do."""
+    """Decode until the end, or until something is damaged: after it, frames would have wrong numbers."""
     import av
 
-    packets = file.demux(stream)
-    while True:
-        try:
-            packet = next(packets, None)
-            if packet is None:
-                return
-            frames = packet.decode()
-        except av.InvalidDataError:
-            continue
-        yield from frames
+    size: tuple[int, int] | None = None
+    with suppress(av.FFmpegError):
+        for frame in file.decode(stream):
+            size = size or (frame.width, frame.height)
+            yield frame if (frame.width, frame.height) == size else frame.reformat(*size)

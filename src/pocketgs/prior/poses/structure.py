@@ -162,7 +162,7 @@ def build_structure(
     pairs = choose_pairs(names, given, features, scale.distance)
     matches = match_views(given, features, pairs, finder)
     positions = [view.pixels for view in features]
-    share = check_convention(given, positions, matches)
+    agreement = check_convention(given, positions, matches)
     placed, matches, wrong = _placed(given, features, matches, finest, settings.bundle, scale, finder)
     sound = {pair: found for pair, found in matches.items() if not wrong[list(pair)].any()}
     tracks, _ = link(features, sound)
@@ -176,7 +176,7 @@ def build_structure(
         adjustment = RobustAdjustment(placed, widest_tolerance(given), finest, how, linearizer or CpuLinearizer())
         refinement = refine(adjustment, tracks, [frame.image for frame in frames], scale.distance)
         cameras, carried = refinement.cameras, refinement.carried
-    check_adjusted(share, cameras, positions, sound)
+    check_adjusted(agreement, cameras, positions, sound)
     tolerance = measured_tolerance(cameras, tracks, finest)
     points, seen = _agreeing(cameras, tracks, tolerance)
     if len(points) < settings.fewest_points:

@@ -42,49 +42,59 @@ export function readIn(camera, { order, signs, isInverted }) {
 }
 
 /**
+ * How far matches fit the given poses.
+ *
+ * @typedef {Object} Agreement
+ * @property {number} share of the matches
+ * @property {number} matches their number
+ */
+
+/**
  * Check that the matches do not contradict the poses as a whole.
  *
  * @param {Camera[]} cameras
  * @param {import("../features/finder.js").Features[]} features of their views
  * @param {import("../features/tracks.js").Matches[]} matches verified without poses
  * @param {Object} settings the settings' `poses`
- * @returns {number} the share of the matches that fit the poses; 1 if there are too few for a conclusion
+ * @returns {Agreement} its share is 1 if there are too few matches for a conclusion
  * @throws {MisreadPoses | Error} they fit in no convention
  */
 export function checkConvention(cameras, features, matches, settings) {
     const { doubtful, clear, contradicted, min_matches: fewest } = settings.convention;
     const { found, shareOf } = fits(cameras, features, matches, settings);
-    const share = found < fewest ? 1 : shareOf(cameras);
-    if (share >= doubtful) {
-        return share;
+    const given = { share: found < fewest ? 1 : shareOf(cameras), matches: found };
+    if (given.share >= doubtful) {
+        return given;
     }
     const others = conventions().map((one) => [one, shareOf(cameras.map((camera) => readIn(camera, one)))]);
     const [best, most] = others.reduce((best, one) => (one[1] > best[1] ? one : best));
     if (most >= clear) {
         throw new MisreadPoses(best);
     }
-    if (share < contradicted) {
-        throw contradiction(share, found);
+    if (given.share < contradicted) {
+        throw contradiction(given);
     }
-    return share;
+    return given;
 }
 
 /**
  * Check that poses which most matches contradicted fit them once they are adjusted.
  *
- * @param {number} share of the matches that fitted the given poses, from `checkConvention`
- * @param {Camera[]} cameras adjusted
+ * @param {Agreement} given from `checkConvention`
+ * @param {Camera[] | null} cameras adjusted; null if too few points agree on them
  * @param {import("../features/finder.js").Features[]} features of their views
  * @param {import("../features/tracks.js").Matches[]} matches of the views whose poses are used
  * @param {Object} settings the settings' `poses`
  * @throws {Error} they do not fit
  */
-export function checkAdjusted(share, cameras, features, matches, settings) {
-    if (share < settings.convention.mostly) {
-        const { found, shareOf } = fits(cameras, features, matches, settings);
-        if (shareOf(cameras) < settings.convention.doubtful) {
-            throw contradiction(share, found);
-        }
+export function checkAdjusted(given, cameras, features, matches, settings) {
+    const { mostly, mended, min_matches: fewest } = settings.convention;
+    const found = matches.reduce((sum, { pairs }) => sum + pairs.length / 2, 0);
+    if (given.share >= mostly || found < fewest) {
+        return;
+    }
+    if (cameras === null || fits(cameras, features, matches, settings).shareOf(cameras) < mended) {
+        throw contradiction(given);
     }
 }
 
@@ -97,7 +107,7 @@ function fits(cameras, features, matches, settings) {
     return { found, shareOf };
 }
 
-function contradiction(share, matches) {
+function contradiction({ share, matches }) {
     const part = `${Math.round(100 * (1 - share))} % of ${matches} matches`;
     return new Error(
         `The photographs match each other, but ${part} contradict the capture's poses: are poses and focal ` +

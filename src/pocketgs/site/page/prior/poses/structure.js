@@ -65,7 +65,7 @@ export async function buildStructure(frames, scale, settings, finder, onStage) {
         });
     };
     const matches = await matching("matching pair")(given, pairs);
-    const share = checkConvention(given, features, matches, settings.poses);
+    const agreement = checkConvention(given, features, matches, settings.poses);
     const finest = settings.poses.finest * medianOf(features.map(({ grain }) => grain));
     const matchAnew = matching("placing photographs anew, pair");
     const placed = await placedAnew({ given, features, matches, alike, finest }, scale, settings, matchAnew);
@@ -73,9 +73,7 @@ export async function buildStructure(frames, scale, settings, finder, onStage) {
     const { cameras, wrong: unplaced } = placed;
     const sound = placed.matches.filter(({ first, second }) => !unplaced[first] && !unplaced[second]);
     const structure = structureOf(cameras, frames, link(features, sound).tracks, scale, finest, settings.poses);
-    if (structure) {
-        checkAdjusted(share, structure.cameras, features, sound, settings.poses);
-    }
+    checkAdjusted(agreement, structure?.cameras ?? null, features, sound, settings.poses);
     return structure && { ...structure, replaced: cameras.map((camera, i) => camera !== given[i]), unplaced };
 }
 
