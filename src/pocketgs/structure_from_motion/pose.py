@@ -115,12 +115,12 @@ def pose(
     if unplaced:
         on_warning(_lacking(unplaced, len(photographs), outcome.get("other_models", [])))
     return PoseResult(
-        output,
-        len(photographs),
-        len(outcome["placed"]),
-        int(outcome["points"]),
-        float(outcome["reprojection_error"]),
-        bool(outcome["metric"]),
+        folder=output,
+        frames=len(photographs),
+        registered=len(outcome["placed"]),
+        points=int(outcome["points"]),
+        reprojection_error=float(outcome["reprojection_error"]),
+        metric=bool(outcome["metric"]),
     )
 
 
