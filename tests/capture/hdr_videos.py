@@ -17,6 +17,7 @@ SIDE = 64
 """Pixels of a colour's square."""
 
 BT2020_FROM_709 = np.array([[0.6274, 0.3293, 0.0433], [0.0691, 0.9195, 0.0114], [0.0164, 0.0880, 0.8956]])
+"""Linear colours (ITU-R BT.2087, equation 5)."""
 
 
 def hlg_signal(luminance: np.ndarray) -> np.ndarray:

@@ -9,15 +9,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from capture.hdr_videos import PALETTE, hlg_signal, pq_signal, write_hdr
+from capture.hdr_videos import BT2020_FROM_709, PALETTE, hlg_signal, pq_signal, write_hdr
 from pocketgs.capture.decoding.video_colours import HLG, PQ, REFERENCE_WHITE, is_srgb, to_srgb
 from pocketgs.capture.decoding.video_file import read_frames, sharpness_of_frames, video_size
 
 BT709, BT2020, DISPLAY_P3, SDR, UNKNOWN = 1, 9, 12, 1, 2
 SIGNALS = {HLG: hlg_signal, PQ: pq_signal}
-
-TO_BT2020 = np.array([[0.6274, 0.3293, 0.0433], [0.0691, 0.9195, 0.0114], [0.0164, 0.0880, 0.8956]])
-"""Linear BT.709 to BT.2020 (ITU-R BT.2087, equation 5)."""
 
 P3_TO_SRGB = np.array([[1.2249, -0.2247, 0.0], [-0.0420, 1.0419, 0.0], [-0.0197, -0.0786, 1.0979]])
 
@@ -36,7 +33,7 @@ def mapped_to_srgb(signal: np.ndarray, primaries: int, transfer: int) -> np.ndar
 @given(st.lists(st.tuples(*[st.floats(0.0, 0.5)] * 3), min_size=1, max_size=20))
 def test_colours_darker_than_half_of_white_stay(transfer, colours):
     linear = np.array(colours)
-    signal = SIGNALS[transfer](REFERENCE_WHITE * linear @ TO_BT2020.T)
+    signal = SIGNALS[transfer](REFERENCE_WHITE * linear @ BT2020_FROM_709.T)
     np.testing.assert_allclose(mapped_to_srgb(signal, BT2020, transfer), encoded(linear), atol=0.01)
 
 
@@ -58,7 +55,7 @@ def test_brighter_than_the_peak_is_white():
 
 def test_a_bright_colour_keeps_its_hue():
     linear = np.array([[2.0, 1.0, 0.5]])
-    mapped = mapped_to_srgb(hlg_signal(REFERENCE_WHITE * linear @ TO_BT2020.T), BT2020, HLG)
+    mapped = mapped_to_srgb(hlg_signal(REFERENCE_WHITE * linear @ BT2020_FROM_709.T), BT2020, HLG)
     red, green, blue = ((mapped[0] + 0.055) / 1.055) ** 2.4
     assert red < 1.0
     assert red / green == pytest.approx(2.0, rel=0.01)

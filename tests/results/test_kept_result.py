@@ -119,10 +119,12 @@ def test_time_for_checkpoints_is_part_of_the_time_budget(
     assert 1 <= train(40).summary["iterations"] <= 10
 
 
-def test_training_knows_how_many_iterations_the_budget_is_planned_for(
-    small_capture: Capture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def planned_and_asked(
+    capture: Capture, folder: Path, monkeypatch: pytest.MonkeyPatch, started: float, **options: Any
+) -> tuple[Plan, SizedOptions]:
+    """The plan of a run with a time budget, and what training is asked for, `started` seconds after the start."""
     asked: list[SizedOptions] = []
+    plans: list[Plan] = []
 
     def stop(_: Capture, options: SizedOptions, **__: object) -> None:
         asked.append(options)
@@ -130,40 +132,27 @@ def test_training_knows_how_many_iterations_the_budget_is_planned_for(
 
     monkeypatch.setattr(run_module, "train", stop)
     monkeypatch.setattr(run_module, "measure_speed", lambda *_: Speed(1.0, 1.0, 1.0))
-    monkeypatch.setattr(run_module, "seconds_since_start", lambda: 1.0)
-    write_nerfstudio(small_capture, tmp_path / "room")
-    plans: list[Plan] = []
-    options = TrainingOptions(iterations=1_000_000, time_budget=20.0, prior="none", engine="cpu")
-    reporter = Reporter(on_plan=plans.append)
+    monkeypatch.setattr(run_module, "seconds_since_start", lambda: started)
+    write_nerfstudio(capture, folder / "room")
+    given = TrainingOptions(time_budget=20.0, prior="none", engine="cpu", **options)
     with pytest.raises(KeyboardInterrupt):
-        run(lambda: list_capture(tmp_path / "room"), tmp_path / "out", options, reporter=reporter)
-    assert 50 <= plans[0].iterations < 1_000_000
-    assert asked[0].expected_iterations == plans[0].iterations
-    assert asked[0].iterations == 1_000_000
+        run(lambda: list_capture(folder / "room"), folder / "out", given, reporter=Reporter(on_plan=plans.append))
+    return plans[0], asked[0]
+
+
+def test_training_knows_how_many_iterations_the_budget_is_planned_for(
+    small_capture: Capture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plan, asked = planned_and_asked(small_capture, tmp_path, monkeypatch, 1.0, iterations=1_000_000)
+    assert 50 <= plan.iterations < 1_000_000
+    assert asked.expected_iterations == plan.iterations
+    assert asked.iterations == 1_000_000
 
 
 def test_training_leaves_time_to_evaluate_and_to_write(
     small_capture: Capture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    asked: list[SizedOptions] = []
-    plans: list[Plan] = []
-
-    def stop(_: Capture, options: SizedOptions, **__: object) -> None:
-        asked.append(options)
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(run_module, "train", stop)
-    monkeypatch.setattr(run_module, "measure_speed", lambda *_: Speed(1.0, 1.0, 1.0))
-    monkeypatch.setattr(run_module, "seconds_since_start", lambda: 3.0)
-    write_nerfstudio(small_capture, tmp_path / "room")
-    options = TrainingOptions(time_budget=20.0, prior="none", engine="cpu")
-    with pytest.raises(KeyboardInterrupt):
-        run(
-            lambda: list_capture(tmp_path / "room"),
-            tmp_path / "out",
-            options,
-            reporter=Reporter(on_plan=plans.append),
-        )
-    assert plans[0].reserve is not None
-    assert plans[0].reserve > 0.1
-    assert asked[0].time_budget == pytest.approx(20.0 - 3.0 - plans[0].reserve)
+    plan, asked = planned_and_asked(small_capture, tmp_path, monkeypatch, 3.0)
+    assert plan.reserve is not None
+    assert plan.reserve > 0.1
+    assert asked.time_budget == pytest.approx(20.0 - 3.0 - plan.reserve)

@@ -34,6 +34,13 @@ MISTAKES: list[Mistake] = [
 ]
 
 
+TYPED_WALK = """
+        const features = given.features.map((pixels) => ({ pixels: Float32Array.from(pixels) }));
+        const matches = given.matches.map((one) => ({ ...one, pairs: Int32Array.from(one.pairs) }));
+"""
+"""Gives the page's types to what `plain_walk` makes."""
+
+
 class Walk(NamedTuple):
     """A walk with exact poses, and what its features match."""
 
@@ -75,9 +82,9 @@ def plain_walk(walk: Walk) -> dict[str, Any]:
 
 
 def said_by_page(call: Call, walk: Walk, several: list[list[Camera]]) -> list[tuple[str, list[list[float]]]]:
-    script = """
-        const features = given.features.map((pixels) => ({ pixels: Float32Array.from(pixels) }));
-        const matches = given.matches.map((one) => ({ ...one, pairs: Int32Array.from(one.pairs) }));
+    script = (
+        TYPED_WALK
+        + """
         return given.several.map((cameras) => {
             try {
                 module.checkConvention(cameras, features, matches, settings.prior.poses);
@@ -88,6 +95,7 @@ def said_by_page(call: Call, walk: Walk, several: list[list[Camera]]) -> list[tu
             }
         });
     """
+    )
     given = plain_walk(walk) | {"several": [[plain(camera) for camera in cameras] for cameras in several]}
     return [tuple(said) for said in call("prior/poses/convention.js", script, given)]
 
@@ -95,9 +103,9 @@ def said_by_page(call: Call, walk: Walk, several: list[list[Camera]]) -> list[tu
 def test_adjusted_poses_are_judged_as_in_python(call: Call, walk: Walk) -> None:
     cameras = [frame.camera for frame in walk.capture.train]
     wrong = [misread(camera, np.linalg.inv) for camera in cameras]
-    script = """
-        const features = given.features.map((pixels) => ({ pixels: Float32Array.from(pixels) }));
-        const matches = given.matches.map((one) => ({ ...one, pairs: Int32Array.from(one.pairs) }));
+    script = (
+        TYPED_WALK
+        + """
         return given.cases.map(([share, cameras]) => {
             try {
                 module.checkAdjusted({ share, matches: 700 }, cameras, features, matches, settings.prior.poses);
@@ -107,6 +115,7 @@ def test_adjusted_poses_are_judged_as_in_python(call: Call, walk: Walk) -> None:
             }
         });
     """
+    )
     cases = [(0.3, cameras), (0.3, wrong), (0.6, wrong)]
     given = plain_walk(walk) | {"cases": [[share, [plain(camera) for camera in some]] for share, some in cases]}
     right, refused, mostly_right = call("prior/poses/convention.js", script, given)

@@ -11,6 +11,7 @@ import av
 import numpy as np
 from av.codec.codec import UnknownCodecError
 
+from pocketgs.capture.decoding.video_file import FULL_RANGE, OF_RGB, video_comment
 from pocketgs.errors import PocketGSError
 from pocketgs.files.atomic_file import replacing
 
@@ -20,13 +21,13 @@ CODEC, PIXELS = "libx264", "yuv420p"
 QUALITY = {"crf": "18", "preset": "medium"}
 """A constant rate factor at which eyes hardly tell the video from the pictures."""
 
-BT709, LIMITED, OF_RGB, FULL = 1, 1, 0, 2
+BT709, LIMITED = 1, 1
 """Numbers of colours and ranges in video files (ITU-T H.273)."""
 
 TO_BT709 = {
     "src_colorspace": OF_RGB,
     "dst_colorspace": BT709,
-    "src_color_range": FULL,
+    "src_color_range": FULL_RANGE,
     "dst_color_range": LIMITED,
 }
 
@@ -72,11 +73,7 @@ def is_written_video(path: Path) -> bool:
     Raises:
         PocketGSError: it is not a readable video.
     """
-    try:
-        with av.open(str(path.resolve())) as file:
-            return file.metadata.get("comment") == MARK
-    except (av.FFmpegError, ValueError) as error:
-        raise PocketGSError(f"{path}: cannot be opened as a video") from error
+    return video_comment(path) == MARK
 
 
 def _encode(file: BinaryIO, frames: Iterable[np.ndarray], fps: float) -> None:

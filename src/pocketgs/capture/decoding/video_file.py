@@ -63,6 +63,16 @@ def video_size(path: Path, *, upright: bool = True) -> tuple[int, int]:
         return (frame.height, frame.width) if is_turned else (frame.width, frame.height)
 
 
+def video_comment(path: Path) -> str:
+    """The comment that a video's file states; empty if there is none.
+
+    Raises:
+        PocketGSError: the file is missing or not a readable video.
+    """
+    with _opened(path) as file:
+        return file.metadata.get("comment", "")
+
+
 def read_frames(path: Path, indices: Sequence[int], *, upright: bool = True) -> Iterator[tuple[int, np.ndarray]]:
     """Decode some frames of a video, one at a time. HDR and wide gamuts become sRGB.
 
@@ -131,12 +141,11 @@ class _DecodedVideo:
 
 def _in_rgb(frame: av.VideoFrame, pixel_format: str) -> np.ndarray:
     """(H, W, 3) RGB by the matrix that the video states, which PyAV before 17 uses only where the other one differs."""
-    matrix, levels = int(frame.colorspace), int(frame.color_range)
     return frame.to_ndarray(
         format=pixel_format,
-        src_colorspace=matrix,
+        src_colorspace=int(frame.colorspace),
         dst_colorspace=OF_RGB,
-        src_color_range=levels,
+        src_color_range=int(frame.color_range),
         dst_color_range=FULL_RANGE,
     )
 
@@ -156,7 +165,7 @@ def _quarter_turns(frame: av.VideoFrame) -> int:
 
 
 @contextmanager
-def _decoded(path: Path) -> Iterator[_DecodedVideo]:
+def _opened(path: Path) -> Iterator[av.container.InputContainer]:
     import av  # here, since few commands need FFmpeg's libraries
 
     if not path.is_file():
@@ -167,6 +176,12 @@ def _decoded(path: Path) -> Iterator[_DecodedVideo]:
     except (av.FFmpegError, ValueError) as error:
         raise PocketGSError(f"{path}: cannot be opened as a video") from error
     with file:
+        yield file
+
+
+@contextmanager
+def _decoded(path: Path) -> Iterator[_DecodedVideo]:
+    with _opened(path) as file:
         stream = next(iter(file.streams.video), None)
         if stream is None or stream.codec_context is None:  # without a codec, FFmpeg has no decoder
             raise PocketGSError(f"{path}: cannot be opened as a video")

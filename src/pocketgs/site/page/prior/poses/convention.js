@@ -61,12 +61,14 @@ export function readIn(camera, { order, signs, isInverted }) {
  */
 export function checkConvention(cameras, features, matches, settings) {
     const { doubtful, clear, contradicted, min_matches: fewest } = settings.convention;
-    const { found, shareOf } = fits(cameras, features, matches, settings);
-    const given = { share: found < fewest ? 1 : shareOf(cameras), matches: found };
+    const [seen, found] = [withPixels(features, matches), countOf(matches)];
+    const tolerance = widestTolerance(cameras, settings);
+    const given = { share: found < fewest ? 1 : shareOf(cameras, seen, tolerance), matches: found };
     if (given.share >= doubtful) {
         return given;
     }
-    const others = conventions().map((one) => [one, shareOf(cameras.map((camera) => readIn(camera, one)))]);
+    const readAs = (one) => cameras.map((camera) => readIn(camera, one));
+    const others = conventions().map((one) => [one, shareOf(readAs(one), seen, tolerance)]);
     const [best, most] = others.reduce((best, one) => (one[1] > best[1] ? one : best));
     if (most >= clear) {
         throw new MisreadPoses(best);
@@ -89,22 +91,27 @@ export function checkConvention(cameras, features, matches, settings) {
  */
 export function checkAdjusted(given, cameras, features, matches, settings) {
     const { mostly, mended, min_matches: fewest } = settings.convention;
-    const found = matches.reduce((sum, { pairs }) => sum + pairs.length / 2, 0);
-    if (given.share >= mostly || found < fewest) {
+    if (given.share >= mostly || countOf(matches) < fewest) {
         return;
     }
-    if (cameras === null || fits(cameras, features, matches, settings).shareOf(cameras) < mended) {
+    const seen = withPixels(features, matches);
+    if (cameras === null || shareOf(cameras, seen, widestTolerance(cameras, settings)) < mended) {
         throw contradiction(given);
     }
 }
 
-/** The number of matches, and a function that gives the share of them that fits some cameras. */
-function fits(cameras, features, matches, settings) {
-    const seen = matches.map((some) => ({ ...some, pixels: positionsOf(features, some) }));
-    const found = seen.reduce((sum, { pixels: [here] }) => sum + here.length / 2, 0);
-    const tolerance = widestTolerance(cameras, settings);
-    const shareOf = (read) => seen.reduce((sum, one) => sum + fitting(read, one, tolerance), 0) / found;
-    return { found, shareOf };
+/** Matches with the pixels of their features. */
+function withPixels(features, matches) {
+    return matches.map((some) => ({ ...some, pixels: positionsOf(features, some) }));
+}
+
+function countOf(matches) {
+    return matches.reduce((sum, { pairs }) => sum + pairs.length / 2, 0);
+}
+
+/** The share of the matches, with pixels, that fits the poses. */
+function shareOf(cameras, seen, tolerance) {
+    return seen.reduce((sum, one) => sum + fitting(cameras, one, tolerance), 0) / countOf(seen);
 }
 
 function contradiction({ share, matches }) {
@@ -142,13 +149,13 @@ function fitting(cameras, { first, second, pixels: [here, there] }, tolerance) {
     let count = 0;
     for (let i = 0; i < here.length; i += 2) {
         const left = sightingOf(one, centre, here[i], here[i + 1]);
-        count += isSeenByBoth(left, sightingOf(other, away, there[i], there[i + 1]), tolerance);
+        count += fits(left, sightingOf(other, away, there[i], there[i + 1]), tolerance);
     }
     return count;
 }
 
 /** Whether some point in front of both cameras, or at infinity, is near both sightings. */
-function isSeenByBoth(one, other, tolerance) {
+function fits(one, other, tolerance) {
     const atInfinity = other.centre.map((value, i) => value + one.ray[i]);
     if (errorOf(other, atInfinity) < tolerance) {
         return true;
