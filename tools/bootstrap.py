@@ -68,7 +68,7 @@ def main(extras: list[str]) -> None:
 def download_size(extras: list[str]) -> str:
     """How much is downloaded, in words."""
     if WITH_PYTORCH.isdisjoint(extras):
-        return "about 240 MB of packages"
+        return "about 280 MB of packages"
     return "several gigabytes of packages, most of them PyTorch's, which take 7 GB on the disk"
 
 
