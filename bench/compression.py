@@ -24,7 +24,8 @@ from rich.console import Console
 from rich.table import Table
 
 from pocketgs.capture.capture import Capture
-from pocketgs.cli.capture_options import CaptureOptions
+from pocketgs.capture.options import CaptureOptions
+from pocketgs.cli.capture_options import read_capture
 from pocketgs.cli.scene_file import as_trained_on, load_scene
 from pocketgs.compression.candidates import PRUNING_STEPS, ROUNDING_STEPS, STEPS
 from pocketgs.compression.compress import compress
@@ -101,7 +102,7 @@ def main(
     """
     console = Console(width=150)
     comparison = Comparison(
-        drawable(load_scene(scene)), as_trained_on(scene, reading.open(capture)), engine, iterations, gaussians
+        drawable(load_scene(scene)), as_trained_on(scene, read_capture(capture, reading)), engine, iterations, gaussians
     )
     found: list[dict[str, object]] = []
     table = Table("", "Gaussians", "MB", "smaller by", "PSNR (dB)", "SSIM", "s")

@@ -23,7 +23,8 @@ from rich.table import Table
 
 from pairs import count_pairs
 from pocketgs.capture import Frame
-from pocketgs.cli.capture_options import CaptureOptions
+from pocketgs.capture.options import CaptureOptions
+from pocketgs.cli.capture_options import read_capture
 from pocketgs.geometry.camera import Camera, look_at
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.cpu.engine import CpuEngine
@@ -73,7 +74,7 @@ def scenes(capture: Path | None, reading: CaptureOptions) -> Iterator[tuple[str,
         for count, width, height in SIZES:
             yield "random", *random_scene(count, width, height)
     else:
-        opened = reading.open(capture)
+        opened = read_capture(capture, reading)
         if opened.points is None:
             raise SystemExit(f"{capture}: has no point cloud, expected one with points to start from")
         most = len(opened.points)

@@ -25,7 +25,8 @@ import torch
 import tyro
 
 from pocketgs.capture.capture import Capture, Frame
-from pocketgs.cli.capture_options import CaptureOptions
+from pocketgs.capture.options import CaptureOptions
+from pocketgs.cli.capture_options import read_capture
 from pocketgs.torch import install_as_gsplat
 
 PINHOLE = 1
@@ -56,7 +57,7 @@ class Options:
 def main() -> None:
     """Run the trainer as its own command line would."""
     options, more = tyro.cli(Options, return_unknown_args=True, config=(tyro.conf.OmitArgPrefixes,))
-    opened = options.reading.open(options.capture)
+    opened = read_capture(options.capture, options.reading)
     if opened.points is None:
         raise SystemExit(f"{options.capture}: has no cloud of its own, expected one with points to start from")
     if not all(frame.camera.is_pinhole for frame in (*opened.train, *opened.held_out)):

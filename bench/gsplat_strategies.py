@@ -19,7 +19,8 @@ from torch import Tensor
 
 from pocketgs import photometric_loss
 from pocketgs.capture.capture import Frame
-from pocketgs.cli.capture_options import CaptureOptions
+from pocketgs.capture.options import CaptureOptions
+from pocketgs.cli.capture_options import read_capture
 from pocketgs.metrics.evaluation import psnr
 from pocketgs.prior.prior import PreparedCapture
 from pocketgs.scene.gaussians import Gaussians
@@ -63,7 +64,7 @@ def main(
         reading: How to read the capture.
     """
     torch.manual_seed(0)
-    opened = reading.open(capture)
+    opened = read_capture(capture, reading)
     sizes = [(frame.camera.width, frame.camera.height) for frame in opened.train]
     asked = TrainingOptions(iterations=iterations, max_gaussians=gaussians, strategy=strategy, engine="cpu")
     prepared = prepare(opened, sized(asked, sizes), Stopwatch())

@@ -22,7 +22,8 @@ from rich.console import Console
 from rich.table import Table
 
 from cpu_step import random_scene
-from pocketgs.cli.capture_options import CaptureOptions
+from pocketgs.capture.options import CaptureOptions
+from pocketgs.cli.capture_options import read_capture
 from pocketgs.cli.scene_file import in_world_of
 from pocketgs.geometry.camera import Camera
 from pocketgs.geometry.camera_path import path
@@ -72,7 +73,7 @@ def main(
     console = Console(width=150)
     if teacher is not None and scene is not None and capture is not None:
         gaussians, distilled = Gaussians.load(teacher), read_sort_free(scene)
-        opened = in_world_of(teacher, reading.open(capture))
+        opened = in_world_of(teacher, read_capture(capture, reading))
         cameras = [frame.camera for frame in opened.train[:CAMERAS]]
         slow = path(cameras, len(cameras) * STEPS_BETWEEN_VIEWS)[:frames]
         ways = drawings(over, free, gaussians, distilled, options)

@@ -20,7 +20,8 @@ import torch
 import tyro
 
 from pocketgs.capture.capture import Frame
-from pocketgs.cli.capture_options import CaptureOptions
+from pocketgs.capture.options import CaptureOptions
+from pocketgs.cli.capture_options import read_capture
 from pocketgs.torch import install_as_gsplat
 
 RATES = {
@@ -48,7 +49,7 @@ def main(
     """
     torch.manual_seed(0)
     install_as_gsplat()
-    opened = reading.open(capture)
+    opened = read_capture(capture, reading)
     if opened.points is None:
         raise SystemExit(f"{capture}: has no cloud of its own, expected one with points to start from")
     torch.Tensor.cuda = lambda self, *arguments, **named: self

@@ -22,7 +22,8 @@ from rich.console import Console
 
 from cpu_step import random_scene, settings_without_motion
 from pocketgs.capture import Frame
-from pocketgs.cli.capture_options import CaptureOptions
+from pocketgs.capture.options import CaptureOptions
+from pocketgs.cli.capture_options import read_capture
 from pocketgs.gpu.adapters import TIMESTAMPS, choose_adapter
 from pocketgs.gpu.device import shared_device
 from pocketgs.gpu.timing import milliseconds_to_wait
@@ -131,7 +132,7 @@ def scene_of(path: Path, reading: CaptureOptions, iterations: int, options: Engi
         gpu=options.gpu,
         max_memory=options.max_memory,
     )
-    prepared = prepare(reading.open(path), training)
+    prepared = prepare(read_capture(path, reading), training)
     return train(prepared, training).scene, prepared.train
 
 

@@ -16,8 +16,8 @@ from types import ModuleType
 import pytest
 
 from documentation import PAGES, ROOT, SUBCOMMANDS, Command, commands, options, tables
+from pocketgs.capture.options import CaptureOptions
 from pocketgs.cli import main
-from pocketgs.cli.capture_options import CaptureOptions
 from pocketgs.cli.commands.bench import Everywhere
 from pocketgs.extras import how_to_install
 

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     __version__: str
     from pocketgs.capture.capture import Capture, Frame
     from pocketgs.capture.open import open_capture
+    from pocketgs.capture.options import CaptureOptions
     from pocketgs.capture.synthetic import demo_capture
     from pocketgs.errors import PocketGSError
     from pocketgs.geometry.camera import Camera
@@ -40,6 +41,7 @@ __all__ = [
     "AdamSettings",
     "Camera",
     "Capture",
+    "CaptureOptions",
     "EngineOptions",
     "Frame",
     "Gaussians",
@@ -67,6 +69,7 @@ _HOMES = {
     "AdamSettings": "splat.settings",
     "Camera": "geometry.camera",
     "Capture": "capture.capture",
+    "CaptureOptions": "capture.options",
     "EngineOptions": "splat.engine",
     "Frame": "capture.capture",
     "Gaussians": "scene.gaussians",

@@ -212,7 +212,7 @@ def edit_json(path: Path, **replaced: object) -> None:
 
 def frames_of(path: Path) -> list[Frame]:
     """All frames of a capture, by name."""
-    frames = open_capture(path, hold_out_every=0).frames
+    frames = open_capture(path, hold_out=0).frames
     return sorted(frames, key=lambda frame: frame.name)
 
 

@@ -170,7 +170,7 @@ def test_renamed_copies(ring, colmap_files, tmp_path, first, how):
     for position, name in enumerate(order):
         number = int(name[4:]) if first == 0 else first + position
         Image.new("RGB", (16, 12)).save(tmp_path / f"images/image{number:03d}.png")
-    capture = open_capture(tmp_path, hold_out_every=0)
+    capture = open_capture(tmp_path, hold_out=0)
     assert capture.warnings == (f"images names its files otherwise: matched to the model {how}",)
     expected = [9, 2] if first == 0 else [3, 4]
     chosen = ("image010.png", "image002.png") if first == 0 else ("image104.png", "image105.png")

@@ -19,7 +19,7 @@ def exported(tmp_path: Path, small_capture: Capture) -> Path:
 
 
 def test_reads_back(exported: Path, small_capture: Capture) -> None:
-    found = open_capture(exported, hold_out_every=8)
+    found = open_capture(exported, hold_out=8)
     assert found.format == "colmap"
     assert found.warnings == ()
     originals = sorted(small_capture.frames, key=lambda frame: frame.name)

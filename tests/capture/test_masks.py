@@ -31,7 +31,7 @@ def test_masks_are_found_in_the_usual_places(write_transforms, folder, name):
     capture = write_transforms()
     for number in range(10):
         save(capture / folder / name.format(number), np.roll(MASK, number, axis=1))
-    opened = open_capture(capture, hold_out_every=0)
+    opened = open_capture(capture, hold_out=0)
     assert (opened.warnings, opened.protocol) == ((), "16x12, masked, nothing held out")
     for number, frame in enumerate(opened.train):
         np.testing.assert_array_equal(frame.mask, np.roll(MASK, number, axis=1) > 0)
@@ -59,7 +59,7 @@ def test_outside_masks_a_capture_can_be_empty(write_transforms, background):
     capture = write_transforms()
     for number in range(9):
         save(capture / f"masks/view_{number:02d}.png")
-    options = {"background": background, "hold_out_every": 0}
+    options = {"background": background, "hold_out": 0}
     whole, cut = (open_capture(capture, **options, outside_masks=outside).train for outside in ("unknown", "empty"))
     for before, after in zip(whole[:9], cut[:9], strict=True):
         assert after.mask is None
@@ -80,7 +80,7 @@ def test_outside_masks_the_protocol_and_the_errors(write_transforms):
         open_capture(capture, outside_masks="black")
     for number in range(10):
         save(capture / f"masks/view_{number:02d}.png", MASK if number else np.zeros_like(MASK))
-    opened = open_capture(capture, outside_masks="empty", hold_out_every=0)
+    opened = open_capture(capture, outside_masks="empty", hold_out=0)
     assert opened.protocol == "16x12, on black, cut out by masks, nothing held out"
     assert len(opened.train) == 9
     assert opened.warnings[0].startswith(
@@ -96,7 +96,7 @@ def test_cut_out_photographs_keep_their_own_alpha(write_transforms):
     opacity[:3] = 100
     first = capture / "images/view_00.png"
     Image.fromarray(np.dstack([np.asarray(Image.open(first).convert("RGB")), opacity])).save(first)
-    found = open_capture(capture, outside_masks="empty", hold_out_every=0).train[0]
+    found = open_capture(capture, outside_masks="empty", hold_out=0).train[0]
     np.testing.assert_array_equal(found.alpha, np.where(MASK > 0, opacity, 0))
 
 
@@ -133,7 +133,7 @@ def test_accents_in_names_of_masks(ring, write_transforms):
     capture = write_transforms(frames=frames)
     (capture / "images/view_00.png").rename(capture / "images" / composed)
     save(capture / "masks" / apart)
-    opened = open_capture(capture, hold_out_every=0)
+    opened = open_capture(capture, hold_out=0)
     assert [frame.name for frame in opened.train if frame.mask is not None] == [f"images/{composed}"]
 
 
@@ -143,7 +143,7 @@ def test_stated_masks_go_before_found_ones(ring, write_transforms):
     capture = write_transforms(frames=frames)
     save(capture / "stated.png")
     save(capture / "masks/view_01.png")
-    opened = open_capture(capture, hold_out_every=0)
+    opened = open_capture(capture, hold_out=0)
     assert [frame.mask is not None for frame in opened.train] == [True] + 9 * [False]
     assert opened.protocol == "16x12, 1 of 10 masked, nothing held out"
     assert all(frame.mask is None for frame in open_capture(capture, masks="none").frames)
@@ -175,11 +175,11 @@ def test_masks_of_another_size_and_shape(write_transforms):
     capture = write_transforms()
     save(capture / "masks/view_01.png", np.kron(MASK, np.ones((3, 3), np.uint8)))
     save(capture / "masks/view_02.png", MASK[::2, ::2])
-    frames = open_capture(capture, hold_out_every=0).train
+    frames = open_capture(capture, hold_out=0).train
     for number in (1, 2):
         np.testing.assert_array_equal(frames[number].mask, MASK > 0)
     save(capture / "masks/view_02.png", MASK.T)
-    opened = open_capture(capture, hold_out_every=0)
+    opened = open_capture(capture, hold_out=0)
     assert [frame.mask is not None for frame in opened.train[:3]] == [False, True, False]
     found = "the masks of 1 frames have not the shape of their photographs, the first of images/view_02.png"
     assert f"{found}: the frames are used whole" in opened.warnings
@@ -194,7 +194,7 @@ def test_broken_masks_are_named(ring, write_transforms):
         save(capture / f"masks/view_{number:02d}.png")
     whole = (capture / "masks/view_02.png").read_bytes()
     (capture / "masks/view_02.png").write_bytes(whole[: len(whole) // 2])
-    opened = open_capture(capture, hold_out_every=0)
+    opened = open_capture(capture, hold_out=0)
     assert [frame.mask is not None for frame in opened.train[:3]] == [False, True, False]
     [warning] = [warning for warning in opened.warnings if "cannot be used" in warning]
     assert "the masks of 1 frames cannot be used, the first of images/view_02.png: the frames are used whole" in warning

@@ -27,7 +27,7 @@ def test_paths_of_another_machine(ring, write_transforms, stated):
     folder = write_transforms(frames=frames)
     (folder / "depths").mkdir()
     shutil.copy(folder / "images/view_00.png", folder / "depths")
-    capture = open_capture(folder, hold_out_every=0)
+    capture = open_capture(folder, hold_out=0)
     assert [frame.name for frame in capture.train] == [f"images/{name}" for name in ring.names]
     assert "10 of 10 were found by their names, such as images/view_00.png for" in capture.warnings[0]
     np.testing.assert_array_equal(capture.train[3].image, ring.images[3])

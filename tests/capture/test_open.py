@@ -94,8 +94,8 @@ def test_paths_that_lead_nowhere(tmp_path, name):
         {"downscale": 0.5},
         {"downscale": float("nan")},
         {"max_size": 0},
-        {"hold_out_every": -1},
-        {"hold_out_every": 1},
+        {"hold_out": -1},
+        {"hold_out": 1},
         {"background": (0, 0)},
         {"background": (0, 0, 2)},
         {"images": "../elsewhere"},
@@ -109,10 +109,10 @@ def test_unusable_options(write_transforms, options):
 
 def test_every_nth_by_name_is_held_out(ring, write_transforms):
     frames = ring.transforms()["frames"][::-1]
-    capture = open_capture(write_transforms(frames=frames), hold_out_every=3)
+    capture = open_capture(write_transforms(frames=frames), hold_out=3)
     assert [frame.name[-6:-4] for frame in capture.held_out] == ["09", "06", "03", "00"]
     assert [frame.name[-6:-4] for frame in capture.train] == ["08", "07", "05", "04", "02", "01"]
-    assert len(open_capture(capture.path, hold_out_every=0).train) == 10
+    assert len(open_capture(capture.path, hold_out=0).train) == 10
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 4, 7])
@@ -123,9 +123,9 @@ def test_few_frames_are_all_trained_on_unless_asked(ring, write_transforms, coun
     assert (len(capture.train), len(capture.held_out)) == ((count, 0) if is_whole else (count - 1, 1))
     assert capture.protocol.endswith("nothing held out") == is_whole
     assert any("fewer than 4 frames: none is held out" in warning for warning in capture.warnings) == is_whole
-    assert open_capture(folder, hold_out_every=0).warnings == ()
+    assert open_capture(folder, hold_out=0).warnings == ()
     if count >= 2:
-        assert len(open_capture(folder, hold_out_every=2).held_out) == (count + 1) // 2
+        assert len(open_capture(folder, hold_out=2).held_out) == (count + 1) // 2
 
 
 def test_something_must_be_left_to_train_on(ring, write_transforms):
@@ -147,7 +147,7 @@ def test_protocol_says_what_was_done(ring, write_transforms):
     transparent = np.zeros((24, 32, 4), dtype=np.uint8)
     write_transforms(k1=0.0)
     Image.fromarray(transparent).save(folder / "images/view_00.png")
-    capture = open_capture(folder, background=(1, 0.5, 0), hold_out_every=0)
+    capture = open_capture(folder, background=(1, 0.5, 0), hold_out=0)
     assert capture.protocol == "sizes up to 32x24, on RGB (1, 0.5, 0), nothing held out"
     np.testing.assert_array_equal(capture.train[0].image[0, 0], [255, 128, 0])
 

@@ -178,7 +178,7 @@ def test_offline_depth_is_left_out(written_phones):
 
 def test_depth_with_a_scale(small_capture, tmp_path):
     write_nerfcapture(small_capture, tmp_path, depth_range=10.0)
-    capture = open_capture(tmp_path, hold_out_every=0)
+    capture = open_capture(tmp_path, hold_out=0)
     assert (capture.metric, capture.warnings) == (False, ())
     for frame, original in zip(capture.train, in_order(small_capture), strict=True):
         np.testing.assert_allclose(frame.depth, original.depth, atol=10 / 65535)

@@ -22,7 +22,7 @@ from pocketgs.files.memory_bound import memory_bound
 
 def test_an_archive_reads_as_its_content(written_phones, tmp_path):
     archive = zip_folder(written_phones["record3d"], tmp_path / "walk.r3d")
-    capture = open_capture(archive, hold_out_every=0)
+    capture = open_capture(archive, hold_out=0)
     assert capture.format == "record3d"
     for frame, unpacked in zip(capture.train, frames_of(written_phones["record3d"]), strict=True):
         np.testing.assert_array_equal(frame.image, unpacked.image)
@@ -37,7 +37,7 @@ def test_an_archive_whose_names_begin_with_its_folder(written_phones, tmp_path):
         again.writestr("./", b"")
         for name in plain.namelist():
             again.writestr(f"./{name}", plain.read(name))
-    expected, found = (open_capture(path, hold_out_every=0).train for path in (packed, tmp_path / "again.r3d"))
+    expected, found = (open_capture(path, hold_out=0).train for path in (packed, tmp_path / "again.r3d"))
     for frame, other in zip(expected, found, strict=True):
         np.testing.assert_array_equal(frame.image, other.image)
         np.testing.assert_array_equal(frame.depth, other.depth)
@@ -84,7 +84,7 @@ def test_broken_metadata(copied_phone, replaced, message):
     folder = copied_phone("record3d")
     edit_json(folder / "metadata", **replaced)
     with pytest.raises(PocketGSError, match=message):
-        open_capture(folder, hold_out_every=0)
+        open_capture(folder, hold_out=0)
 
 
 def test_images_and_poses_that_do_not_match(copied_phone):

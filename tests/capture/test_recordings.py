@@ -81,7 +81,7 @@ def test_record3d_poses_explain_matches(recordings, tmp_path):
     shutil.copy(folder / "metadata.json", tmp_path)
     for number in (285, 310):
         shutil.copy(folder / f"rgb/{number}.jpg", tmp_path / "rgb")
-    one, other = open_capture(tmp_path, downscale=2, hold_out_every=0).train
+    one, other = open_capture(tmp_path, downscale=2, hold_out=0).train
     assert np.median(epipolar_distances(one, other)) < 5  # ARKit drifts; the neighbours' poses are off by more
 
 
@@ -107,7 +107,7 @@ def test_polycam_cameras(recordings, tmp_path):
     shutil.copytree(recordings / "polycam_json", tmp_path / "keyframes/cameras")
     for file in cameras:  # the photographs are not part of the sample
         Image.new("RGB", (512, 384)).save(tmp_path / f"keyframes/images/{file.stem}.jpg")
-    capture = open_capture(tmp_path, hold_out_every=0)
+    capture = open_capture(tmp_path, hold_out=0)
     assert (capture.format, len(capture.train), capture.metric) == ("polycam", 2, True)
     camera = capture.train[0].camera
     assert (camera.fx, camera.cx, camera.cy) == pytest.approx((360.47985, 257.5931, 192.1178), abs=1e-4)

@@ -72,7 +72,7 @@ def test_pictures_of_depth_are_left_out(ring, write_transforms):
     for index, picture in pictures.items():
         Image.fromarray(picture).save(folder / f"{index}.tif")
         frames[index].update(depth_file_path=f"{index}.tif", depth_unit_scale_factor=0.5)
-    capture = open_capture(write_transforms(frames=frames), hold_out_every=0)
+    capture = open_capture(write_transforms(frames=frames), hold_out=0)
     assert [frame.depth is None for frame in capture.train] == [True, False, *[True] * 8]
     np.testing.assert_array_equal(capture.train[1].depth, 1.0)
     unreadable, misshapen = capture.warnings

@@ -93,7 +93,7 @@ def test_own_split(ring, write_transforms):
     assert capture.protocol.endswith("data set's own split")
     write_transforms(train_filenames=paths[:6], val_filenames=paths[6:8])
     assert [frame.name for frame in open_capture(folder).held_out] == paths[6:8]
-    assert len(open_capture(folder, hold_out_every=0).train) == 8
+    assert len(open_capture(folder, hold_out=0).train) == 8
     write_transforms(train_filenames=paths, test_filenames=paths[8:])
     with pytest.raises(PocketGSError, match=r"both for training and held out"):
         open_capture(folder)
@@ -236,7 +236,7 @@ def test_files_beside_images_that_have_moved(ring, write_transforms, root):
         frame["file_path"] = separator.join([root[:-1], "images", name])
         frame["mask_path"] = separator.join([root[:-1], "masks", name])
         frame["depth_file_path"] = separator.join([root[:-1], "depth", name])
-    capture = open_capture(write_transforms(frames=frames, ply_file_path=f"{root}cloud.ply"), hold_out_every=0)
+    capture = open_capture(write_transforms(frames=frames, ply_file_path=f"{root}cloud.ply"), hold_out=0)
     assert len(capture.points) == len(ring.positions)
     first, *others = capture.train
     assert first.mask.all()

@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from pocketgs.cli.capture_options import CaptureOptions
+from pocketgs.capture.options import CaptureOptions
+from pocketgs.cli.capture_options import check_without_poses
 
 
 @pytest.fixture
@@ -104,8 +105,8 @@ def test_masks_that_may_be_of_a_videos_frames(
     for place in (tmp_path, made):
         (place / "people").mkdir(parents=True)
         Image.new("L", (8, 6), 255).save(place / "people" / name)
-        CaptureOptions(masks=masks).check_without_poses(video, made)
-        CaptureOptions(masks=str(place / "people")).check_without_poses(video, made)
+        check_without_poses(CaptureOptions(masks=masks), video, made)
+        check_without_poses(CaptureOptions(masks=str(place / "people")), video, made)
         shutil.rmtree(place / "people")
 
 

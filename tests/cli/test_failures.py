@@ -13,7 +13,8 @@ from typing import Any
 import pytest
 from PIL import Image
 
-from pocketgs.cli.capture_options import CaptureOptions
+from pocketgs.capture.options import CaptureOptions
+from pocketgs.cli.capture_options import check_without_capture
 from pocketgs.errors import PocketGSError
 
 
@@ -167,9 +168,9 @@ def test_options_of_a_capture_that_is_not_given(
 
 
 def test_a_background_needs_no_capture_where_renderings_use_it() -> None:
-    CaptureOptions(background=(1.0, 1.0, 1.0)).check_without_capture("the capture", but=("background",))
+    check_without_capture(CaptureOptions(background=(1.0, 1.0, 1.0)), "the capture", but=("background",))
     with pytest.raises(PocketGSError, match="--background only applies to a capture: give the capture, or"):
-        CaptureOptions(background=(1.0, 1.0, 1.0)).check_without_capture("the capture")
+        check_without_capture(CaptureOptions(background=(1.0, 1.0, 1.0)), "the capture")
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import tyro
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pocketgs.cli.capture_options import CaptureOptions
+from pocketgs.capture.options import CaptureOptions
 from pocketgs.cli.flags import flags_of
 
 OPTIONS = st.builds(
@@ -16,7 +16,7 @@ OPTIONS = st.builds(
     max_size=st.none() | st.integers(1, 4000),
     background=st.none() | st.tuples(st.floats(0, 1), st.floats(0, 1), st.floats(0, 1)),
     lens=st.sampled_from(["undistort", "direct", "ignore"]),
-    hold_out=st.integers(0, 20),
+    hold_out=st.just(0) | st.integers(2, 20),
 )
 
 

@@ -3,5 +3,6 @@
 from pocketgs.capture.capture import Capture, Frame
 from pocketgs.capture.listed import ListedCapture
 from pocketgs.capture.open import list_capture, open_capture
+from pocketgs.capture.options import CaptureOptions
 
-__all__ = ["Capture", "Frame", "ListedCapture", "list_capture", "open_capture"]
+__all__ = ["Capture", "CaptureOptions", "Frame", "ListedCapture", "list_capture", "open_capture"]

@@ -2,28 +2,27 @@
 
 from __future__ import annotations
 
-import math
 import os
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
-from typing import Protocol, get_args
+from typing import Protocol
 
 from pocketgs.capture.capture import Capture
 from pocketgs.capture.decoding.video_file import VIDEO_SUFFIXES
 from pocketgs.capture.formats import blender, colmap, llff, nerfstudio, polycam, record3d, scanner_app, stray_scanner
-from pocketgs.capture.hold_out import FEWEST_TO_HOLD_OUT, HOLD_OUT_EVERY, choose_held_out
+from pocketgs.capture.hold_out import FEWEST_TO_HOLD_OUT, choose_held_out
 from pocketgs.capture.listed import ListedCapture
 from pocketgs.capture.listing import Listing
-from pocketgs.capture.loading import LensHandling, Preparation
-from pocketgs.capture.masks import FOUND, OutsideMasks, check_has_masks, masks_folder, with_masks
+from pocketgs.capture.loading import Preparation
+from pocketgs.capture.masks import check_has_masks, masks_folder, with_masks
+from pocketgs.capture.options import CaptureOptions
 from pocketgs.capture.origin import near_origin
 from pocketgs.capture.unposed import USUAL_FOLDER, find_photographs_in, holds_photographs, only_video
 from pocketgs.capture.unrecognised import MAX_NAMES, what_is_there
 from pocketgs.errors import PocketGSError, listed
 from pocketgs.files.opening import folder_of, reading_inside
 from pocketgs.files.paths import IMAGE_SUFFIXES, relative_name
-from pocketgs.scene.background import Background, checked_background
 
 
 class Reader(Protocol):
@@ -45,18 +44,7 @@ class Reader(Protocol):
 READERS: tuple[Reader, ...] = (stray_scanner, record3d, scanner_app, polycam, blender, nerfstudio, colmap, llff)
 
 
-def open_capture(
-    path: str | Path,
-    *,
-    images: str | None = None,
-    downscale: float | None = None,
-    max_size: int | None = None,
-    background: Background | None = None,
-    lens: LensHandling = "undistort",
-    hold_out_every: int = HOLD_OUT_EVERY,
-    masks: str = FOUND,
-    outside_masks: OutsideMasks = "unknown",
-) -> Capture:
+def open_capture(path: str | Path, options: CaptureOptions | None = None, **changes: object) -> Capture:
     """Read a capture of any supported format into memory.
 
     Example:
@@ -66,78 +54,45 @@ def open_capture(
 
     Args:
         path: the capture's folder, or its transforms.json or .r3d file.
-        images: folder inside the capture to take the images from, for formats that have several sizes.
-        downscale: reduce images by this factor, at least 1, averaging areas; None to keep their size.
-        max_size: reduce images further if their longer side exceeds this many pixels.
-        background: RGB in [0, 1] behind the scene, which images with alpha are composited on; None for white if the
-            format is blender, else black, or for the plain colour that images without alpha show an object before.
-        lens: "undistort" undoes lens distortion and crops to what the lens saw; "direct" leaves images as they were
-            photographed, and gives their cameras the lens; "ignore" treats them as pinhole images.
-        hold_out_every: hold out every n-th frame by name, unless the data set has its own split, or fewer than n and
-            fewer than four frames; 0 trains on all frames in any case.
-        masks: folder with masks, inside the capture or elsewhere; "found" for those that the capture states or has in a
-            folder `masks` or `mask`, "none" for none. Alpha is not a mask: see `background`.
-        outside_masks: "unknown" learns nothing from pixels that masks exclude; "empty" makes alpha of the masks: the
-            scene is learned to be empty there.
+        options: None for the defaults.
+        **changes: single options by name, which override those in `options`.
 
     Raises:
         PocketGSError: the capture or an option is not usable; the message names the file, what was found and what was
             expected.
     """
-    return list_capture(
-        path,
-        images=images,
-        downscale=downscale,
-        max_size=max_size,
-        background=background,
-        lens=lens,
-        hold_out_every=hold_out_every,
-        masks=masks,
-        outside_masks=outside_masks,
-    ).load()
+    return list_capture(path, options, **changes).load()
 
 
-def list_capture(
-    path: str | Path,
-    *,
-    images: str | None = None,
-    downscale: float | None = None,
-    max_size: int | None = None,
-    background: Background | None = None,
-    lens: LensHandling = "undistort",
-    hold_out_every: int = HOLD_OUT_EVERY,
-    masks: str = FOUND,
-    outside_masks: OutsideMasks = "unknown",
-) -> ListedCapture:
+def list_capture(path: str | Path, options: CaptureOptions | None = None, **changes: object) -> ListedCapture:
     """List a capture without decoding photographs; arguments as in `open_capture`.
 
     Raises:
         PocketGSError: the capture or an option is not usable.
     """
-    path = Path(path)
-    check_options(downscale, max_size, background, lens, hold_out_every, outside_masks)
-    listing = read_listing(path, images)
+    path, options = Path(path), replace(options or CaptureOptions(), **changes)  # type: ignore[arg-type]
+    listing = read_listing(path, options.images)
     place = located(path)
     folder = place if place.is_dir() else place.parent
-    listing = with_masks(listing, folder, masks)
-    if outside_masks == "empty":
+    listing = with_masks(listing, folder, options.masks)
+    if options.outside_masks == "empty":
         check_has_masks(path, any(frame.mask_path is not None for frame in listing.frames))
-    held_out_names, split = choose_held_out(listing, hold_out_every)
+    held_out_names, split = choose_held_out(listing, options.hold_out)
     count = len(listing.frames)
     if all(frame.name in held_out_names for frame in listing.frames):
         expected = "expected one to train on; --hold-out 0 trains on all"
         raise PocketGSError(f"{path}: all of its {count} frames are held out, {expected}")
-    if count < FEWEST_TO_HOLD_OUT and hold_out_every and not held_out_names:
+    if count < FEWEST_TO_HOLD_OUT and options.hold_out and not held_out_names:
         unmeasured = f"{path}: fewer than {FEWEST_TO_HOLD_OUT} frames: none is held out to measure quality on"
         listing = replace(listing, warnings=(*listing.warnings, unmeasured))
     preparation = Preparation(
-        background or listing.background,
-        lens,
-        downscale or 1.0,
-        max_size,
+        options.background or listing.background,
+        options.lens,
+        options.downscale or 1.0,
+        options.max_size,
         folder=folder_of(path),
-        masks=masks_folder(folder, masks),
-        outside_masks=outside_masks,
+        masks=masks_folder(folder, options.masks),
+        outside_masks=options.outside_masks,
     )
     return ListedCapture(
         capture_name(path),
@@ -146,8 +101,8 @@ def list_capture(
         held_out_names,
         split,
         preparation,
-        size_is_given=downscale is not None,
-        background_is_given=background is not None,
+        size_is_given=options.downscale is not None,
+        background_is_given=options.background is not None,
     )
 
 
@@ -270,30 +225,3 @@ def capture_name(path: Path) -> str:
 def is_transforms_file(path: Path) -> bool:
     """Whether a capture is given by its transforms.json, which stands for the folder that it lies in."""
     return path.suffix.lower() == ".json" and path.is_file()
-
-
-def check_options(
-    downscale: float | None,
-    max_size: int | None,
-    background: Background | None,
-    lens: str,
-    hold_out_every: int,
-    outside_masks: str,
-) -> None:
-    """Refuse options of `list_capture` that are out of range.
-
-    Raises:
-        PocketGSError: one is.
-    """
-    if downscale is not None and (not math.isfinite(downscale) or downscale < 1):
-        raise PocketGSError(f"downscale {downscale}, expected a factor of at least 1")
-    if max_size is not None and max_size < 1:
-        raise PocketGSError(f"max_size {max_size}, expected at least 1 pixel")
-    if lens not in get_args(LensHandling):
-        raise PocketGSError(f"lens {lens!r}, expected {', '.join(get_args(LensHandling))}")
-    if outside_masks not in get_args(OutsideMasks):
-        raise PocketGSError(f"outside_masks {outside_masks!r}, expected {', '.join(get_args(OutsideMasks))}")
-    if hold_out_every < 0 or hold_out_every == 1:
-        raise PocketGSError(f"held out every {hold_out_every} frames, expected at least 2, or 0 for none")
-    if background is not None:
-        checked_background(background)

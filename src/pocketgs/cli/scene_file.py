@@ -12,7 +12,8 @@ import numpy as np
 
 from pocketgs.capture.capture import Capture
 from pocketgs.capture.open import lacks_poses, video_of
-from pocketgs.cli.capture_options import CaptureOptions
+from pocketgs.capture.options import CaptureOptions
+from pocketgs.cli.capture_options import read_capture
 from pocketgs.cli.terminal import Terminal
 from pocketgs.errors import PocketGSError
 from pocketgs.files.journal import settle
@@ -129,7 +130,7 @@ def read_for(scene: Path, capture: Path, reading: CaptureOptions) -> Capture:
     known = trained_on(folder_of(scene))
     if known and reading.background is None:
         reading = replace(reading, background=known.background)
-    return reading.open(capture_of(scene, capture))
+    return read_capture(capture_of(scene, capture), reading)
 
 
 def check_unseen(scene: Path, capture: Capture) -> None:

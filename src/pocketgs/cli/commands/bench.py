@@ -21,8 +21,8 @@ from pocketgs.bench.report import check_report_possible, write_report
 from pocketgs.bench.results import CellResult, read_results
 from pocketgs.bench.session import Step, comparable, compile_kernels, plan_jobs, remaining, run_jobs
 from pocketgs.bench.table import markdown_table
+from pocketgs.capture.options import CaptureOptions
 from pocketgs.capture.synthetic import write_demo
-from pocketgs.cli.capture_options import CaptureOptions
 from pocketgs.cli.flags import flags_of
 from pocketgs.cli.terminal import Terminal, printable
 from pocketgs.errors import PocketGSError
@@ -104,7 +104,6 @@ def bench(
         _print_list(console, known)
         return
     check_report_possible()
-    reading.check()
     _check_output(output)
     chosen = captures_named(captures, known, flags_of(reading))
     jobs = plan_jobs(methods_named(methods), chosen, seeds, everywhere.flags)

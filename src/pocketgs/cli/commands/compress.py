@@ -8,7 +8,8 @@ from typing import Annotated
 
 import tyro
 
-from pocketgs.cli.capture_options import CaptureOptions
+from pocketgs.capture.options import CaptureOptions
+from pocketgs.cli.capture_options import check_without_capture
 from pocketgs.cli.compression_table import closing_lines, figures_table, print_figures
 from pocketgs.cli.display import Display
 from pocketgs.cli.output_file import SCENE_FILE, check_place, json_with
@@ -61,7 +62,7 @@ def compress(
     """
     _check_names(scene, capture, output, json)
     if capture is None:
-        reading.check_without_capture("the capture after the scene", but=("background",))
+        check_without_capture(reading, "the capture after the scene", but=("background",))
     console = Terminal()
     # For the whole work: files are read back to be judged.
     with memory_bound(engine.max_memory):

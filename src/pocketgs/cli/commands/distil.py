@@ -8,7 +8,8 @@ from typing import Annotated
 
 import tyro
 
-from pocketgs.cli.capture_options import CaptureOptions
+from pocketgs.capture.options import CaptureOptions
+from pocketgs.cli.capture_options import check_without_capture
 from pocketgs.cli.display import Display
 from pocketgs.cli.output_file import SCENE_FILE, check_place
 from pocketgs.cli.own_views import cameras_of_result, rendered_capture
@@ -49,7 +50,7 @@ def distil(
     check_name(output)
     check_place(output, SCENE_FILE, [scene, *([capture] if capture else [])])
     if capture is None:
-        reading.check_without_capture("the capture after the scene", but=("background",))
+        check_without_capture(reading, "the capture after the scene", but=("background",))
     with memory_bound(max_memory):
         teacher = drawable(without_broken(scene, load_scene(scene)))
         check_storable(output, teacher)

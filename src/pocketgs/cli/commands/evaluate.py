@@ -9,7 +9,7 @@ from typing import Annotated
 
 import tyro
 
-from pocketgs.cli.capture_options import CaptureOptions
+from pocketgs.capture.options import CaptureOptions
 from pocketgs.cli.output_file import check_place, json_with
 from pocketgs.cli.run_lines import capture_lines
 from pocketgs.cli.run_result import print_evaluation

@@ -8,7 +8,8 @@ from typing import Annotated
 import tyro
 
 from pocketgs.capture.colmap_export import export_capture
-from pocketgs.cli.capture_options import CaptureOptions
+from pocketgs.capture.options import CaptureOptions
+from pocketgs.cli.capture_options import read_capture
 from pocketgs.cli.scene_file import capture_of, in_world_of, names_scene
 from pocketgs.cli.terminal import Terminal
 from pocketgs.errors import PocketGSError
@@ -34,7 +35,7 @@ def export_colmap(
     if poses_of is not None and not names_scene(poses_of):
         raise PocketGSError(f"{poses_of}: expected a result folder")
     with memory_bound(max_memory):
-        opened = reading.open(capture if poses_of is None else capture_of(poses_of, capture))
+        opened = read_capture(capture if poses_of is None else capture_of(poses_of, capture), reading)
     if poses_of is not None:
         opened = in_world_of(poses_of, opened)
     export_capture(output, opened)

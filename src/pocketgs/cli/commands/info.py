@@ -8,9 +8,10 @@ from typing import Annotated
 import numpy as np
 import tyro
 
-from pocketgs.capture import ListedCapture
+from pocketgs.capture import ListedCapture, list_capture
 from pocketgs.capture.open import lacks_poses, video_of
-from pocketgs.cli.capture_options import CaptureOptions
+from pocketgs.capture.options import CaptureOptions
+from pocketgs.cli.capture_options import check_without_capture
 from pocketgs.cli.devices import device_lines
 from pocketgs.cli.run_lines import capture_lines
 from pocketgs.cli.scene_file import load_any, names_scene
@@ -41,7 +42,7 @@ def info(
     """
     lines = []
     if path is None or names_scene(path):
-        reading.check_without_capture("its path")
+        check_without_capture(reading, "its path")
     if path is not None:
         with memory_bound(max_memory):
             lines += _path_lines(path, reading)
@@ -55,7 +56,7 @@ def info(
 def _path_lines(path: Path, reading: CaptureOptions) -> list[str]:
     if not names_scene(path):
         capture = video_of(path)
-        return unposed_lines(capture) if lacks_poses(capture) else _capture_lines(reading.listed(capture))
+        return unposed_lines(capture) if lacks_poses(capture) else _capture_lines(list_capture(capture, reading))
     scene = load_any(path)
     if isinstance(scene, SortFreeScene):
         return [*_scene_lines(scene.gaussians), _weights_line(scene)]

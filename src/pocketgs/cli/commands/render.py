@@ -13,7 +13,7 @@ from PIL import Image
 from pocketgs.capture import Capture
 from pocketgs.capture.decoding.video_file import VIDEO_SUFFIXES
 from pocketgs.capture.open import video_of
-from pocketgs.cli.capture_options import CaptureOptions
+from pocketgs.capture.options import CaptureOptions
 from pocketgs.cli.output_file import VIDEO_FILE, check_replaceable
 from pocketgs.cli.scene_file import drawn_by, in_world_of, read_for
 from pocketgs.cli.terminal import Terminal

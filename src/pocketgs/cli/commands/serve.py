@@ -8,7 +8,7 @@ from typing import Annotated, get_args
 
 import tyro
 
-from pocketgs.cli.capture_options import CaptureOptions
+from pocketgs.capture.options import CaptureOptions
 from pocketgs.cli.flags import flags_of
 from pocketgs.cli.page import PageOptions, announce, wait_for_ctrl_c
 from pocketgs.cli.terminal import Terminal
@@ -38,7 +38,6 @@ def serve(
 
     if max_upload < 1:
         raise PocketGSError(f"max upload: found {max_upload}, expected at least 1 MB")
-    reading.check()
     chosen_engine(training.engine_options)
     efforts: tuple[Effort, ...] = get_args(Effort)
     flags: dict[str, tuple[str, ...]] = {

@@ -8,11 +8,12 @@ from typing import Annotated
 
 import tyro
 
-from pocketgs.capture import ListedCapture
+from pocketgs.capture import ListedCapture, list_capture
 from pocketgs.capture.masks import FOUND, NONE, check_has_masks
 from pocketgs.capture.open import capture_name, is_transforms_file, lacks_poses, video_of
+from pocketgs.capture.options import CaptureOptions
 from pocketgs.capture.unposed import is_video
-from pocketgs.cli.capture_options import CaptureOptions
+from pocketgs.cli.capture_options import check_without_poses
 from pocketgs.cli.compressing_run import CompressingRun
 from pocketgs.cli.page import FollowOptions
 from pocketgs.cli.shown_run import show_run
@@ -78,9 +79,9 @@ def _listed(
 ) -> ListedCapture:
     """List a capture; poses of photographs or a video are found first, and kept in the result's folder."""
     if not lacks_poses(capture):
-        return reading.listed(capture)
+        return list_capture(capture, reading)
     found = posed_folder(folder, capture)
-    reading.check_without_poses(capture, found)
+    check_without_poses(reading, capture, found)
     console.say(f"{capture} has no poses: structure from motion finds them and keeps them in {found}")
     # Masks have the names of photographs; a video's frames get theirs only now.
     masks = FOUND if is_video(capture) else reading.masks
@@ -96,7 +97,7 @@ def _listed(
     )
     # Named masks have been copied to the capture, and still are masks that must not be ignored.
     are_copied = masks not in (FOUND, NONE)
-    return (replace(reading, masks=MASKS) if are_copied else reading).listed(made)
+    return list_capture(made, replace(reading, masks=MASKS) if are_copied else reading)
 
 
 def _may_have_masks(capture: Path, made: Path, masks: str) -> bool:

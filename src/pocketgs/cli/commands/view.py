@@ -9,7 +9,8 @@ from typing import Annotated
 
 import tyro
 
-from pocketgs.cli.capture_options import CaptureOptions
+from pocketgs.capture.options import CaptureOptions
+from pocketgs.cli.capture_options import check_without_capture
 from pocketgs.cli.page import PageOptions, announce, wait_for_ctrl_c
 from pocketgs.cli.scene_file import in_world_of, load_any, read_for
 from pocketgs.cli.terminal import Terminal
@@ -41,7 +42,7 @@ def view(
     from pocketgs.viewer.server import serving
 
     if capture is None:
-        reading.check_without_capture("--capture")
+        check_without_capture(reading, "--capture")
     with memory_bound(max_memory):
         with reading_inside(scene if scene.is_dir() else None):
             shown = load_any(scene)
