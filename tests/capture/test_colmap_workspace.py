@@ -70,3 +70,5 @@ def test_images_without_a_pose_are_counted_where_they_are_the_most(ring, colmap_
     Image.fromarray(np.zeros((12, 16, 3), np.uint8)).save(tmp_path / "images/more.png")
     [warning] = read_listing(tmp_path).warnings
     assert warning == "only 5 of 11 images have a pose in the COLMAP model: let pocketgs pose find all anew"
+    (tmp_path / "posed.json").write_text("{}")  # of pocketgs pose, which has told
+    assert read_listing(tmp_path).warnings == ()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from contextlib import contextmanager
 from fractions import Fraction
 from pathlib import Path
 
@@ -140,6 +141,27 @@ def test_frames_end_where_the_video_is_damaged(tmp_path):
     assert [number_of(frame) for _, frame in read_frames(path, range(5))] == list(range(5))
     with pytest.raises(PocketGSError, match="frame 7 cannot be decoded, the video ends after 5 frames"):
         list(read_frames(path, [7]))
+
+
+def test_a_lack_of_memory_is_not_the_end_of_a_video(video, monkeypatch):
+    """FFmpeg reports it like damage, but fewer frames must not be taken for all."""
+
+    class LackingMemory:
+        def __init__(self, file):
+            self.streams = file.streams
+
+        def decode(self, stream):
+            yield av.VideoFrame(WIDTH, HEIGHT, "yuv420p")
+            raise av.error.MemoryError(12, "Cannot allocate memory")
+
+    @contextmanager
+    def opened(path):
+        with av.open(str(path)) as file:
+            yield LackingMemory(file)
+
+    monkeypatch.setattr("pocketgs.capture.decoding.video_file._opened", opened)
+    with pytest.raises(MemoryError):
+        sharpness_of_frames(video)
 
 
 @pytest.mark.parametrize("codec", [b"encv", b"xyz1"])

@@ -32,7 +32,7 @@ from pocketgs.splat.slope_limits import _through as slope_limits_through
 from pocketgs.splat.slope_limits import slope_limits
 from splat.test_clusters import a_camera, around
 from splat.test_rasterizer import moved
-from splat.training_step import BACKGROUND, RATES, begin, columns, photograph, reference_step
+from splat.training_step import BACKGROUND, RATES, begin, camera_in_front, columns, photograph, reference_step
 
 MakeGaussians = Callable[..., Gaussians]
 
@@ -165,6 +165,33 @@ def test_engines_agree_with_the_reference(
         one, other = getattr(d_found, field.name), getattr(d_expected, field.name)
         if other is not None:
             assert np.quantile(np.abs(one - other), 0.99) < 5e-3 * np.abs(other).max(), field.name
+
+
+@pytest.mark.parametrize("engine", ["cpu", "webgpu"])
+@pytest.mark.parametrize("name", ["pinhole", "opencv"])
+def test_gaussians_beside_the_image_have_the_gradients_of_the_reference(
+    request: pytest.FixtureRequest, make_gaussians: MakeGaussians, engine: str, name: str
+) -> None:
+    """Beyond its sides and corners, where the Jacobian is that of the margin's edge, but reaching into it."""
+    if engine == "webgpu":
+        request.getfixturevalue("adapter")
+    camera = replace(camera_in_front(40, 30, 40.0), lens=LENSES[name])
+    scene = make_gaussians(count=24, sh_degree=1, size=0.6, seed=3)
+    places = [(x, y) for x in (-3.4, 0.2, 3.4) for y in (-2.7, 0.1, 2.7) if abs(x) + abs(y) > 1.0]
+    scene.means[:, :2] = np.tile(places, (3, 1)) + np.random.default_rng(1).uniform(-0.1, 0.1, (24, 2))
+    scene.means[:, 2] = np.linspace(-0.2, 0.2, 24)
+
+    def gradients_of(name: str) -> RasterGradient:
+        rasterizer = Rasterizer(name)  # type: ignore[arg-type]
+        raster = rasterizer.forward(scene, camera, ("rgb", "alpha", "radii"))
+        assert np.count_nonzero(raster.radii[:, 0]) > 18
+        rng = np.random.default_rng(6)
+        return rasterizer.backward(raster, rgb=rng.normal(size=(30, 40, 3)), alpha=rng.normal(size=(30, 40)), pose=True)
+
+    found, expected = gradients_of(engine), gradients_of("reference")
+    for group in ("means", "log_scales", "rotations", "opacity_logits", "pose"):
+        one, other = getattr(found, group), getattr(expected, group)
+        np.testing.assert_allclose(one, other, atol=5e-3 * np.abs(other).max(), err_msg=group)
 
 
 @pytest.mark.parametrize(("engine_name", "name"), [("cpu", "fisheye"), ("webgpu", "fisheye"), ("webgpu", "opencv")])

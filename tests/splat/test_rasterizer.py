@@ -284,6 +284,59 @@ def test_infinite_logits_are_opaque_or_invisible(request: pytest.FixtureRequest,
     assert alphas[0].max() > 0.98
 
 
+def sheets(opacities: np.ndarray) -> Gaussians:
+    """One behind the other, each of the same opacity all over the image."""
+    count = len(opacities)
+    means = np.column_stack([np.zeros((count, 2)), np.linspace(0.0, 0.1, count)])
+    logits = np.log(opacities / (1.0 - opacities))
+    return Gaussians(means, np.full((count, 3), 5.0), np.tile([1.0, 0, 0, 0], (count, 1)), logits, np.zeros((count, 1, 3)))
+
+
+@pytest.mark.parametrize("engine", ["cpu", "webgpu", "reference"])
+def test_a_gaussian_as_opaque_as_can_be_has_no_gradient_of_its_shape(
+    request: pytest.FixtureRequest, engine: str
+) -> None:
+    if engine == "webgpu":
+        request.getfixturevalue("adapter")
+    raster = shared(engine).forward(sheets(np.array([0.999])), camera_in_front(8, 16, 16.0), ("rgb", "alpha"))
+    np.testing.assert_allclose(raster.alpha, 0.99, atol=1e-6)
+    gradient = shared(engine).backward(raster, rgb=np.ones((16, 8, 3)), alpha=np.ones((16, 8)))
+    for group in ("means", "log_scales", "rotations", "opacity_logits"):
+        assert not getattr(gradient, group).any(), group
+    assert gradient.sh.all()
+
+
+@pytest.mark.parametrize("before", [3, 16])
+@pytest.mark.parametrize("engine", ["cpu", "webgpu", "reference"])
+def test_what_fills_a_pixel_has_a_gradient_and_what_is_behind_has_none(
+    request: pytest.FixtureRequest, engine: str, before: int
+) -> None:
+    """Some sheets let 5e-4 of the light through, the next one takes nine tenths of that; three more are behind."""
+    if engine == "webgpu":
+        request.getfixturevalue("adapter")
+    scene = sheets(np.array([*[1.0 - 5e-4 ** (1.0 / before)] * before, 0.9, 0.9, 0.9, 0.9]))
+    camera = camera_in_front(8, 16, 16.0)
+    raster = shared(engine).forward(scene, camera, ("features",), features=np.ones((before + 4, 1)))
+    gradient = shared(engine).backward(raster, features=np.ones((16, 8, 1)))
+    assert gradient.features[before, 0] == pytest.approx(8 * 16 * 5e-4 * 0.9, rel=0.01)
+    assert not gradient.features[before + 1 :].any()
+    assert not gradient.means[before + 1 :].any()
+
+
+def test_drawing_goes_on_while_two_rows_of_pixels_are_not_full(engine: str) -> None:
+    """Opaque stripes, three on each of the other rows, and faint sheets behind them."""
+    camera = camera_in_front(8, 16, 16.0)
+    for open_row in range(0, 16, 2):
+        rows = np.array([row for row in range(16) if row // 2 != open_row // 2] * 3)
+        scene = sheets(np.repeat([0.98, 0.12], [len(rows), 20]))
+        scene.means[:, 2] *= 0.1
+        scene.means[: len(rows), 1] = (rows - 7.5) / 4.0
+        scene.log_scales[: len(rows), 1:] = -3.0
+        alpha = shared(engine).forward(scene, camera, ("alpha",)).alpha
+        assert 0.9 < alpha[open_row : open_row + 2].min() < 0.99, open_row
+        assert np.delete(alpha, [open_row, open_row + 1], axis=0).min() > 0.999
+
+
 def test_an_orthographic_camera_does_not_show_its_own_plane(engine: str) -> None:
     camera = Camera(21, 15, 10.0, 10.0, 10.0, 7.0, np.eye(4), Lens("orthographic"))
     disc = Gaussians(np.zeros((1, 3)), np.full((1, 3), -1.0), [[1, 0, 0, 0]], [3.0], np.zeros((1, 1, 3)))

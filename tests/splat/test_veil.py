@@ -42,6 +42,15 @@ def test_what_reaches_the_cameras_plane_is_no_veil(engine: EngineKind) -> None:
     assert alpha(engine, at((2.0, 0.0, 0.2), 0.5)) == 0.0
 
 
+@pytest.mark.parametrize("side", [(0.6, 0.0), (-0.6, 0.0), (0.0, 0.6), (0.0, -0.6)])
+def test_one_long_axis_is_enough_to_reach_the_cameras_plane(engine: EngineKind, side: tuple[float, float]) -> None:
+    assert alpha(engine, at((*side, 0.2), 0.15)) > 0.1
+    for axis in range(3):
+        needle = at((*side, 0.2), 0.15)
+        needle.log_scales[0, axis] = np.log(0.5)
+        assert alpha(engine, needle) == 0.0
+
+
 @pytest.mark.parametrize(("position", "size"), [((0.15, 0.0, 0.2), 0.5), ((0.6, 0.0, 0.4), 0.3)])
 def test_what_is_in_the_image_or_small_is_drawn(
     engine: EngineKind, position: tuple[float, float, float], size: float

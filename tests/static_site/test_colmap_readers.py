@@ -195,3 +195,5 @@ def test_images_without_a_pose(call: Call, ring: Ring, colmap_files: ColmapFiles
     assert_same_warnings(call, tmp_path)
     [warning] = read(call, tmp_path)["warnings"]
     assert warning == "only 5 of 11 images have a pose in the COLMAP model: let pocketgs pose find all anew"
+    (tmp_path / "posed.json").write_text("{}")  # of pocketgs pose, which has told
+    assert read(call, tmp_path)["warnings"] == []

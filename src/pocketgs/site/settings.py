@@ -33,7 +33,7 @@ from pocketgs.capture.poses import (
 )
 from pocketgs.capture.sharpness import MAX_FRAMES, REDUCED_SIDE
 from pocketgs.capture.undistortion import BORDER_SAMPLES
-from pocketgs.capture.unposed import USUAL_FOLDER
+from pocketgs.capture.unposed import POSED_RECORD, USUAL_FOLDER
 from pocketgs.files.paths import OTHER_PICTURES
 from pocketgs.geometry.camera_geometry import GUESSED_DISTANCE, MIN_CONVERGENCE
 from pocketgs.geometry.lens import MAX_HALF_FIELD, MAX_STEP
@@ -136,6 +136,7 @@ def _capture() -> dict[str, Any]:
         "models_beside": MODELS_BESIDE,
         "image_folders": IMAGE_FOLDERS,
         "usual_images": USUAL_FOLDER,
+        "posed_record": POSED_RECORD,
         "perspective_models": PERSPECTIVE_MODELS,
         "fisheye_models": FISHEYE_MODELS,
         "other_lenses": LENSES_OF_INSTANT_NGP,

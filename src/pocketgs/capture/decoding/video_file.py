@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -196,7 +196,10 @@ def _frames(file: av.container.InputContainer, stream: av.VideoStream) -> Iterat
     import av
 
     size: tuple[int, int] | None = None
-    with suppress(av.FFmpegError):
+    try:
         for frame in file.decode(stream):
             size = size or (frame.width, frame.height)
             yield frame if (frame.width, frame.height) == size else frame.reformat(*size)
+    except av.FFmpegError as error:
+        if isinstance(error, MemoryError):  # not the video's fault
+            raise

@@ -7,7 +7,7 @@ from pathlib import Path, PureWindowsPath
 
 from pocketgs.capture.last_numbers import pair_by_number
 from pocketgs.capture.named_images import find_images, find_stated
-from pocketgs.capture.unposed import USUAL_FOLDER
+from pocketgs.capture.unposed import POSED_RECORD, USUAL_FOLDER
 from pocketgs.errors import PocketGSError
 from pocketgs.files.paths import list_images, relative_name
 
@@ -34,10 +34,10 @@ def match_files(
     files, warnings = _named(names, folder, capture, where, leave_out)
     absent = [name for name, file in zip(names, files, strict=True) if file is None]
     if not absent:
-        return files, (*warnings, *_unregistered(files))
+        return files, (*warnings, *_unregistered(files, capture))
     if len(absent) < len(names):
         found = f"{len(absent)} of {len(names)} registered images are absent, the first {absent[0]}"
-        return files, (*warnings, found, *_unregistered(files))
+        return files, (*warnings, found, *_unregistered(files, capture))
     return _renamed(names, folder, capture)
 
 
@@ -81,8 +81,13 @@ def _renamed(names: Sequence[str], folder: Path, capture: Path) -> Files:
     return [by_name[name] for name in names], (message,)
 
 
-def _unregistered(files: Sequence[Path | None]) -> tuple[str, ...]:
-    """A warning if most images in the folders of the registered ones have no pose, or none."""
+def _unregistered(files: Sequence[Path | None], capture: Path) -> tuple[str, ...]:
+    """A warning if most images in the folders of the registered ones have no pose, or none.
+
+    Of captures that `pocketgs pose` made, it has told which images it could not place, and why.
+    """
+    if (capture / POSED_RECORD).is_file():
+        return ()
     registered = [file for file in files if file is not None]
     present = sum(len(list_images(folder)) for folder in {file.parent for file in registered})
     if 2 * len(registered) >= present:

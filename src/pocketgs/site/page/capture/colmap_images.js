@@ -36,7 +36,7 @@ export function matchFiles(names, folder, tree, where, bounds, leaveOut) {
         return renamedFiles(names, folder, tree);
     }
     const found = `${absent.length} of ${names.length} registered images are absent, the first ${absent[0]}`;
-    return [files, [...warnings, ...(absent.length ? [found] : []), ...unregisteredWarning(files, tree)]];
+    return [files, [...warnings, ...(absent.length ? [found] : []), ...unregisteredWarning(files, tree, bounds)]];
 }
 
 /**
@@ -83,8 +83,11 @@ function renamedFiles(names, folder, tree) {
     return [names.map((name) => tree.find(byName.get(name))), [message]];
 }
 
-/** A warning if most images in the folders of the registered ones have no pose, or none. */
-function unregisteredWarning(files, tree) {
+/** A warning if most images in the folders of the registered ones have no pose, or none; but `pocketgs pose` has told. */
+function unregisteredWarning(files, tree, { posed_record: record }) {
+    if (tree.find(record)) {
+        return [];
+    }
     const registered = files.filter(Boolean);
     const folders = [...new Set(registered.map(({ path }) => folderOf(path)))];
     const present = folders.flatMap((folder) => tree.pathsIn(folder, isImage)).length;
