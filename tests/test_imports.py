@@ -98,9 +98,9 @@ FOLDERS = {
     "viewer": "capture errors files geometry gpu results scene splat system training",
     "site": "capture compression errors files geometry gpu prior results scene seeding splat training viewer",
     "serve": "capture errors files results scene site viewer",
-    "bench": "capture errors extras files results scene system training",
-    "cli": "bench capture compression errors files geometry gpu metrics prior results scene serve site sort_free splat"
-    " structure_from_motion system training viewer",
+    "benchmark": "capture errors extras files results scene system training",
+    "cli": "benchmark capture compression errors files geometry gpu metrics prior results scene serve site sort_free"
+    " splat structure_from_motion system training viewer",
 }
 """The package's folders, lowest first, with those that each may import."""
 

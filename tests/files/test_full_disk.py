@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from pocketgs import Capture, Gaussians
-from pocketgs.bench.report import write_report
+from pocketgs.benchmark.report import write_report
 from pocketgs.capture.colmap_export import export_capture
 from pocketgs.errors import PocketGSError
 from pocketgs.results.cameras_file import write_cameras

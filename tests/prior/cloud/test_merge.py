@@ -27,6 +27,16 @@ def test_a_wall_is_one_sheet_of_points_wherever_it_is() -> None:
     assert max(errors) < 0.75 * noise
 
 
+def test_pixels_of_different_footprints_are_not_merged() -> None:
+    """Twice as far from the origin and twice as large: in the same cell, of voxels that are twice as large."""
+    rng = np.random.default_rng(2)
+    near, ones = rng.uniform(0.5, 1.0, (100, 3)), np.ones(200)
+    positions, footprints = np.concatenate([near, 2.0 * near]), np.repeat([0.01, 0.02], 100)
+    directions = np.tile([0.0, 0.0, 1.0], (200, 1))
+    found = CpuMerger().merged(Candidates(positions, np.ones((200, 3)), directions, footprints, ones, ones), 200)
+    np.testing.assert_allclose(found.positions[found.positions[:, 0].argsort()], positions[positions[:, 0].argsort()])
+
+
 def test_the_grid_is_turned_and_not_stretched() -> None:
     """By a rotation that keeps every side of a voxel 18 degrees and more away from walls along the axes."""
     np.testing.assert_allclose(TURN @ TURN.T, np.eye(3), atol=1e-15)

@@ -12,15 +12,15 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
-from pocketgs.bench.captures import DEMO, BenchCapture, captures_named, data_folder, known_captures
-from pocketgs.bench.cell import Job
-from pocketgs.bench.conditions import Conditions, present_conditions
-from pocketgs.bench.methods import METHODS, methods_named
-from pocketgs.bench.plots import write_overview
-from pocketgs.bench.report import check_report_possible, write_report
-from pocketgs.bench.results import CellResult, read_results
-from pocketgs.bench.session import Step, comparable, compile_kernels, plan_jobs, remaining, run_jobs
-from pocketgs.bench.table import markdown_table
+from pocketgs.benchmark.captures import DEMO, BenchCapture, captures_named, data_folder, known_captures
+from pocketgs.benchmark.cell import Job
+from pocketgs.benchmark.conditions import Conditions, present_conditions
+from pocketgs.benchmark.methods import METHODS, methods_named
+from pocketgs.benchmark.plots import write_overview
+from pocketgs.benchmark.report import check_report_possible, write_report
+from pocketgs.benchmark.results import CellResult, read_results
+from pocketgs.benchmark.session import Step, comparable, compile_kernels, plan_jobs, remaining, run_jobs
+from pocketgs.benchmark.table import markdown_table
 from pocketgs.capture.options import CaptureOptions
 from pocketgs.capture.synthetic import write_demo
 from pocketgs.cli.flags import flags_of

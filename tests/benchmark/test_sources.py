@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from pocketgs.bench.conditions import present_conditions
-from pocketgs.bench.machine import describe_machine
-from pocketgs.bench.sources import PACKAGE, digest_of_sources
+from pocketgs.benchmark.conditions import present_conditions
+from pocketgs.benchmark.machine import describe_machine
+from pocketgs.benchmark.sources import PACKAGE, digest_of_sources
 
 
 @pytest.fixture
@@ -20,7 +20,7 @@ def package(tmp_path: Path) -> Path:
         "run.py",
         "splat/adam.py",
         "splat/webgpu/sort.wgsl",
-        "bench/table.py",
+        "benchmark/table.py",
         "cli/commands/bench.py",
         "viewer/a.py",
     ):
@@ -52,7 +52,7 @@ def test_what_runs_compute_with_makes_a_difference(package: Path, change: Callab
 
 
 @pytest.mark.parametrize(
-    "place", ["bench/table.py", "cli/commands/bench.py", "viewer/a.py", "viewer/b.wgsl", "splat/notes.md"]
+    "place", ["benchmark/table.py", "cli/commands/bench.py", "viewer/a.py", "viewer/b.wgsl", "splat/notes.md"]
 )
 def test_what_measures_asks_and_shows_makes_none(package: Path, place: str) -> None:
     before = digest_of_sources(package)

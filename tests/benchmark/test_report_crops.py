@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pocketgs.bench.crops import CROP, choose_crop
-from pocketgs.bench.results import CellResult
+from pocketgs.benchmark.crops import CROP, choose_crop
+from pocketgs.benchmark.results import CellResult
 
 MakeResult = Callable[..., CellResult]
 Leave = Callable[[CellResult, Mapping[str, np.ndarray]], Path]

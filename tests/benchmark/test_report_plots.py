@@ -12,10 +12,10 @@ from xml.etree import ElementTree
 import pytest
 from PIL import Image
 
-from pocketgs.bench.methods import METHODS
-from pocketgs.bench.plots import _line_style, curves_svg, memory_svg, stages_svg, write_overview
-from pocketgs.bench.results import CellResult
-from pocketgs.bench.series import Look, curves, mean_curve, traces
+from pocketgs.benchmark.methods import METHODS
+from pocketgs.benchmark.plots import _line_style, curves_svg, memory_svg, stages_svg, write_overview
+from pocketgs.benchmark.results import CellResult
+from pocketgs.benchmark.series import Look, curves, mean_curve, traces
 from pocketgs.errors import PocketGSError
 
 MakeResult = Callable[..., CellResult]

@@ -10,9 +10,9 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from pocketgs.bench.methods import METHODS
-from pocketgs.bench.published import Published
-from pocketgs.bench.results import CellResult
+from pocketgs.benchmark.methods import METHODS
+from pocketgs.benchmark.published import Published
+from pocketgs.benchmark.results import CellResult
 
 BASELINE = "pocketgs"
 """The method that the others are compared with."""

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import mean
 
-from pocketgs.bench.captures import BenchCapture
-from pocketgs.bench.cell import Job, run_cell
-from pocketgs.bench.conditions import Conditions
-from pocketgs.bench.methods import METHODS, Method
-from pocketgs.bench.results import Cell, CellResult, read_results, write_result
+from pocketgs.benchmark.captures import BenchCapture
+from pocketgs.benchmark.cell import Job, run_cell
+from pocketgs.benchmark.conditions import Conditions
+from pocketgs.benchmark.methods import METHODS, Method
+from pocketgs.benchmark.results import Cell, CellResult, read_results, write_result
 from pocketgs.capture.synthetic import demo_capture
 from pocketgs.errors import PocketGSError
 from pocketgs.training.options import TrainingOptions

@@ -6,8 +6,8 @@ import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from pocketgs.bench.machine import describe_machine
-from pocketgs.bench.sources import digest_of_sources
+from pocketgs.benchmark.machine import describe_machine
+from pocketgs.benchmark.sources import digest_of_sources
 
 
 @dataclass(frozen=True)
@@ -16,8 +16,8 @@ class Conditions:
 
     Attributes:
         settings: flags of `pocketgs train` common to all cells.
-        sources: see `pocketgs.bench.sources`.
-        machine: see `pocketgs.bench.machine`.
+        sources: see `pocketgs.benchmark.sources`.
+        machine: see `pocketgs.benchmark.machine`.
     """
 
     settings: str

@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from pocketgs.bench.aggregate import captures_of
-from pocketgs.bench.crops import Crop, choose_crop
-from pocketgs.bench.plots import colour_of, curves_svg, memory_svg, stages_svg
-from pocketgs.bench.results import CellResult
-from pocketgs.bench.sections import (
+from pocketgs.benchmark.aggregate import captures_of
+from pocketgs.benchmark.crops import Crop, choose_crop
+from pocketgs.benchmark.plots import colour_of, curves_svg, memory_svg, stages_svg
+from pocketgs.benchmark.results import CellResult
+from pocketgs.benchmark.sections import (
     Table,
     commands,
     differences_table,
@@ -103,7 +103,7 @@ def write_report(results: Sequence[CellResult], pictures: Path | None, path: Pat
     from jinja2 import Environment, StrictUndefined
 
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    template = environment.from_string((files("pocketgs.bench") / TEMPLATE).read_text(encoding="utf-8"))
+    template = environment.from_string((files("pocketgs.benchmark") / TEMPLATE).read_text(encoding="utf-8"))
     text = template.render(
         failures=failures_table(results),
         summary=summary_table(results),

@@ -13,10 +13,10 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from pocketgs.bench.captures import BenchCapture
-from pocketgs.bench.conditions import present_conditions
-from pocketgs.bench.methods import Method
-from pocketgs.bench.results import Cell, CellResult
+from pocketgs.benchmark.captures import BenchCapture
+from pocketgs.benchmark.conditions import present_conditions
+from pocketgs.benchmark.methods import Method
+from pocketgs.benchmark.results import Cell, CellResult
 from pocketgs.errors import PocketGSError
 from pocketgs.results import folder as result_folder
 from pocketgs.scene.formats import read_scene, spz

@@ -13,15 +13,15 @@ from pathlib import Path
 import psutil
 import pytest
 
-from bench.toy_jobs import ON_POSIX, QUICK, job, wait_for
-from pocketgs.bench import cell
-from pocketgs.bench.aggregate import STAGES
-from pocketgs.bench.captures import BenchCapture
-from pocketgs.bench.cell import Job, run_cell
-from pocketgs.bench.conditions import present_conditions
-from pocketgs.bench.methods import METHODS
-from pocketgs.bench.results import CellResult
-from pocketgs.bench.sources import PACKAGE
+from benchmark.toy_jobs import ON_POSIX, QUICK, job, wait_for
+from pocketgs.benchmark import cell
+from pocketgs.benchmark.aggregate import STAGES
+from pocketgs.benchmark.captures import BenchCapture
+from pocketgs.benchmark.cell import Job, run_cell
+from pocketgs.benchmark.conditions import present_conditions
+from pocketgs.benchmark.methods import METHODS
+from pocketgs.benchmark.results import CellResult
+from pocketgs.benchmark.sources import PACKAGE
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from pocketgs.bench.results import Cell, CellResult, read_result, read_results, write_result
+from pocketgs.benchmark.results import Cell, CellResult, read_result, read_results, write_result
 from pocketgs.errors import PocketGSError
 
 RESULT = CellResult(Cell("fern", "pocketgs", 1), "pocketgs train fern --seed 1", None, 20.5, {"ply": 7}, {"psnr": 28.9})

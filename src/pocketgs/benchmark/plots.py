@@ -15,10 +15,10 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pocketgs.bench.aggregate import STAGES, captures_of, mean_of, method_order, rows_of, stage_seconds, stages_of
-from pocketgs.bench.methods import METHODS
-from pocketgs.bench.results import CellResult
-from pocketgs.bench.series import Curve, Trace, curves, mean_curve, traces
+from pocketgs.benchmark.aggregate import STAGES, captures_of, mean_of, method_order, rows_of, stage_seconds, stages_of
+from pocketgs.benchmark.methods import METHODS
+from pocketgs.benchmark.results import CellResult
+from pocketgs.benchmark.series import Curve, Trace, curves, mean_curve, traces
 from pocketgs.errors import PocketGSError
 from pocketgs.extras import how_to_install
 from pocketgs.files.atomic_file import replacing

@@ -7,7 +7,7 @@ from pathlib import Path
 
 PACKAGE = Path(__file__).parents[1]
 
-ELSEWHERE = ("bench", "cli", "serve", "site", "torch", "viewer")
+ELSEWHERE = ("benchmark", "cli", "serve", "site", "torch", "viewer")
 """Folders of the package that do not affect what a run computes."""
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import tyro
 
-from pocketgs.bench.methods import METHODS, methods_named
+from pocketgs.benchmark.methods import METHODS, methods_named
 from pocketgs.cli.commands.bench import Everywhere
 from pocketgs.errors import PocketGSError
 from pocketgs.training.options import TrainingOptions

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from pocketgs.bench.conditions import Conditions
+from pocketgs.benchmark.conditions import Conditions
 from pocketgs.errors import PocketGSError
 from pocketgs.files.atomic_file import replacing
 
@@ -42,7 +42,7 @@ class CellResult:
         scene_bytes: size of the scene by file format: "ply", "spz".
         run: the content of `run.json`; see `pocketgs.results.summary`.
         files: digest of the capture's files: another capture may have the same folder name.
-        settings, sources, machine: the conditions; see `pocketgs.bench.conditions`.
+        settings, sources, machine: the conditions; see `pocketgs.benchmark.conditions`.
     """
 
     cell: Cell

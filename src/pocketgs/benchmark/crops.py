@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 from PIL import Image
 
-from pocketgs.bench.aggregate import number, rows_of
-from pocketgs.bench.results import CellResult
+from pocketgs.benchmark.aggregate import number, rows_of
+from pocketgs.benchmark.results import CellResult
 from pocketgs.errors import PocketGSError
 from pocketgs.files.journal import settle
 from pocketgs.files.plain_names import plain_names

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from pocketgs.bench.captures import BenchCapture
-from pocketgs.bench.cell import Job
-from pocketgs.bench.conditions import present_conditions
-from pocketgs.bench.methods import METHODS
-from pocketgs.bench.results import CellResult
+from pocketgs.benchmark.captures import BenchCapture
+from pocketgs.benchmark.cell import Job
+from pocketgs.benchmark.conditions import present_conditions
+from pocketgs.benchmark.methods import METHODS
+from pocketgs.benchmark.results import CellResult
 
 ON_POSIX = pytest.mark.skipif(sys.platform == "win32", reason="signals are others there")
 

@@ -11,11 +11,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from pocketgs.bench.aggregate import PSNR, SSIM, difference, ratio, rows_of, stage_seconds, stages_of
-from pocketgs.bench.methods import METHODS
-from pocketgs.bench.published import ABLATIONS, COMPARISON
-from pocketgs.bench.results import CellResult
-from pocketgs.bench.sections import (
+from pocketgs.benchmark.aggregate import PSNR, SSIM, difference, ratio, rows_of, stage_seconds, stages_of
+from pocketgs.benchmark.methods import METHODS
+from pocketgs.benchmark.published import ABLATIONS, COMPARISON
+from pocketgs.benchmark.results import CellResult
+from pocketgs.benchmark.sections import (
     Table,
     differences_table,
     failures_table,
@@ -23,7 +23,7 @@ from pocketgs.bench.sections import (
     machines_table,
     summary_table,
 )
-from pocketgs.bench.table import markdown_table
+from pocketgs.benchmark.table import markdown_table
 
 MakeResult = Callable[..., CellResult]
 

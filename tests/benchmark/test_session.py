@@ -11,13 +11,13 @@ from typing import Any
 
 import pytest
 
-from bench.toy_jobs import QUICK, job, result_of
-from pocketgs.bench import session
-from pocketgs.bench.captures import BenchCapture
-from pocketgs.bench.cell import Job
-from pocketgs.bench.conditions import present_conditions
-from pocketgs.bench.methods import METHODS
-from pocketgs.bench.results import Cell, CellResult, read_results, write_result
+from benchmark.toy_jobs import QUICK, job, result_of
+from pocketgs.benchmark import session
+from pocketgs.benchmark.captures import BenchCapture
+from pocketgs.benchmark.cell import Job
+from pocketgs.benchmark.conditions import present_conditions
+from pocketgs.benchmark.methods import METHODS
+from pocketgs.benchmark.results import Cell, CellResult, read_results, write_result
 from pocketgs.capture import Capture
 from pocketgs.errors import PocketGSError
 from pocketgs.training.options import TrainingOptions

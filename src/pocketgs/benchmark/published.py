@@ -19,7 +19,7 @@ class Published:
     """The figures that the source reports for a method on a dataset.
 
     Attributes:
-        method: its name there; `pocketgs.bench.methods.Method.stands_for` refers to it.
+        method: its name there; `pocketgs.benchmark.methods.Method.stands_for` refers to it.
         psnr: in dB, mean over the dataset's scenes.
         ssim: likewise.
         lpips: likewise.

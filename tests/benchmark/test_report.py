@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from pocketgs.bench.methods import METHODS
-from pocketgs.bench.report import check_report_possible, write_report
-from pocketgs.bench.results import CellResult
+from pocketgs.benchmark.methods import METHODS
+from pocketgs.benchmark.report import check_report_possible, write_report
+from pocketgs.benchmark.results import CellResult
 from pocketgs.errors import PocketGSError
 
 MakeResult = Callable[..., CellResult]

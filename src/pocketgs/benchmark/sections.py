@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from pocketgs.bench import published
-from pocketgs.bench.aggregate import (
+from pocketgs.benchmark import published
+from pocketgs.benchmark.aggregate import (
     BASELINE,
     FIGURES,
     FLIP,
@@ -26,9 +26,9 @@ from pocketgs.bench.aggregate import (
     stage_seconds,
     stages_of,
 )
-from pocketgs.bench.methods import METHODS
-from pocketgs.bench.published import FULL, MOBILE_SCAN, Published, reported
-from pocketgs.bench.results import Cell, CellResult
+from pocketgs.benchmark.methods import METHODS
+from pocketgs.benchmark.published import FULL, MOBILE_SCAN, Published, reported
+from pocketgs.benchmark.results import Cell, CellResult
 
 MISSING = "n/a"
 """A figure that a run should have but does not."""

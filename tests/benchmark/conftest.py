@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from pocketgs.bench.results import Cell, CellResult
+from pocketgs.benchmark.results import Cell, CellResult
 
 MakeResult = Callable[..., CellResult]
 

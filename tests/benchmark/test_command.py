@@ -13,12 +13,12 @@ from pathlib import Path
 import psutil
 import pytest
 
-from bench.toy_jobs import COMMON, ON_POSIX, job, result_of, wait_for
-from pocketgs.bench import session
-from pocketgs.bench.captures import DEMO, BenchCapture
-from pocketgs.bench.cell import Job
-from pocketgs.bench.methods import METHODS
-from pocketgs.bench.results import Cell, CellResult, read_results, write_result
+from benchmark.toy_jobs import COMMON, ON_POSIX, job, result_of, wait_for
+from pocketgs.benchmark import session
+from pocketgs.benchmark.captures import DEMO, BenchCapture
+from pocketgs.benchmark.cell import Job
+from pocketgs.benchmark.methods import METHODS
+from pocketgs.benchmark.results import Cell, CellResult, read_results, write_result
 from pocketgs.cli import main
 
 command = import_module("pocketgs.cli.commands.bench")

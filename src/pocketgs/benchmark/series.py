@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from pocketgs.bench.aggregate import number, rows_of
-from pocketgs.bench.results import CellResult
+from pocketgs.benchmark.aggregate import number, rows_of
+from pocketgs.benchmark.results import CellResult
 from pocketgs.results.memory_trace import MemorySample
 
 

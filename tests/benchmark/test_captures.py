@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from pocketgs.bench.captures import DATA_VARIABLE, captures_named, data_folder, known_captures
-from pocketgs.bench.cell import Job
-from pocketgs.bench.methods import METHODS
+from pocketgs.benchmark.captures import DATA_VARIABLE, captures_named, data_folder, known_captures
+from pocketgs.benchmark.cell import Job
+from pocketgs.benchmark.methods import METHODS
 from pocketgs.capture.synthetic import demo_capture
 from pocketgs.cli import main
 from pocketgs.errors import PocketGSError

@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
-from pocketgs.bench.aggregate import captures_of
-from pocketgs.bench.results import CellResult
-from pocketgs.bench.sections import (
+from pocketgs.benchmark.aggregate import captures_of
+from pocketgs.benchmark.results import CellResult
+from pocketgs.benchmark.sections import (
     Command,
     Table,
     commands,
