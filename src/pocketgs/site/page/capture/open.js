@@ -6,7 +6,7 @@
 
 import { FileTree } from "../archive/tree.js";
 import { filesInZip } from "../archive/zip.js";
-import { medianOf } from "../numbers/median.js";
+import { medianOf } from "../numbers/quantiles.js";
 import * as blender from "./blender.js";
 import { centreOf } from "./camera.js";
 import * as colmap from "./colmap.js";

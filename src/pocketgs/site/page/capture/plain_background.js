@@ -5,7 +5,7 @@
  * @module
  */
 
-import { medianOf } from "../numbers/median.js";
+import { medianOf } from "../numbers/quantiles.js";
 
 /**
  * The one colour that nearly all pixels at the photographs' edges have, such as the white of product photographs.

@@ -5,7 +5,7 @@
  * @module
  */
 
-import { medianOf } from "../numbers/median.js";
+import { medianOf } from "../numbers/quantiles.js";
 import { length } from "../../page/scene/vectors.js";
 import { relativePose } from "./source_views.js";
 

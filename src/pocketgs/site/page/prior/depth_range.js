@@ -6,7 +6,7 @@
 
 import { centreOf } from "../capture/camera.js";
 import { evenly } from "../numbers/evenly.js";
-import { quantileOf } from "../numbers/quantile.js";
+import { quantileOf } from "../numbers/quantiles.js";
 import { length, subtract } from "../../page/scene/vectors.js";
 
 /**

@@ -6,8 +6,8 @@
  */
 
 import { isInImage, projected } from "../capture/camera.js";
-import { medianOf } from "../numbers/median.js";
 import { mirrored } from "../numbers/mirrored.js";
+import { medianOf } from "../numbers/quantiles.js";
 import { roundedToEven } from "../numbers/rounding.js";
 import { enoughForEachView } from "./features/observations.js";
 import { sortedBy, viewDistances } from "./features/pairs.js";

@@ -5,7 +5,7 @@
  */
 
 import { centreOf, rayOf } from "../capture/camera.js";
-import { medianOf } from "../numbers/median.js";
+import { medianOf } from "../numbers/quantiles.js";
 import { meanOf } from "../seeding/focus.js";
 import { isOutsideHull, transparentOnes } from "../seeding/visual_hull.js";
 import { add, dot, length, normalised, subtract } from "../../page/scene/vectors.js";

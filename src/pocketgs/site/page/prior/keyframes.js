@@ -8,7 +8,7 @@
 import { centreOf, isInImage, projected, rayOf } from "../capture/camera.js";
 import { sharpness } from "../capture/sharpness.js";
 import { evenly } from "../numbers/evenly.js";
-import { medianOf } from "../numbers/median.js";
+import { medianOf } from "../numbers/quantiles.js";
 import { roundedToEven } from "../numbers/rounding.js";
 import { add, length, subtract } from "../../page/scene/vectors.js";
 import { inCells, isUsable } from "./photographs.js";

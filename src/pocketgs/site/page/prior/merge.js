@@ -4,7 +4,7 @@
  * @module
  */
 
-import { medianOf } from "../numbers/median.js";
+import { medianOf } from "../numbers/quantiles.js";
 import { roundedToEven } from "../numbers/rounding.js";
 import { selected } from "../seeding/points.js";
 

@@ -6,7 +6,7 @@
  */
 
 import { centreOf, forwardOf, projected } from "../capture/camera.js";
-import { medianOf } from "../numbers/median.js";
+import { medianOf } from "../numbers/quantiles.js";
 import { eigenvectors } from "../seeding/eigenvectors.js";
 import { focusPoint, looksAt, spreadOf } from "../seeding/focus.js";
 import { dot, length, subtract } from "../../page/scene/vectors.js";

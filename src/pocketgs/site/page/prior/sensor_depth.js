@@ -5,7 +5,7 @@
  * @module
  */
 
-import { medianOf } from "../numbers/median.js";
+import { medianOf } from "../numbers/quantiles.js";
 import { isUsable } from "./photographs.js";
 
 /**

@@ -7,7 +7,7 @@
 import { LOG_SCALE, MEAN, OPACITY_LOGIT, QUATERNION } from "../../page/constants.js";
 import { dcOf, GaussianColumns } from "../../page/scene/gaussian_columns.js";
 import { cross, rotationTo } from "../../page/scene/vectors.js";
-import { medianOf } from "../numbers/median.js";
+import { medianOf } from "../numbers/quantiles.js";
 
 /**
  * Place a disc at every point, tangent to the plane through its neighbours.

@@ -5,7 +5,7 @@
  * @module
  */
 
-import { quantileOf } from "../numbers/quantile.js";
+import { quantileOf } from "../numbers/quantiles.js";
 
 /**
  * @param {Float64Array} positions (N, 3)

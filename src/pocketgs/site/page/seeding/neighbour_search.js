@@ -6,7 +6,7 @@
 
 import { Description } from "../../gpu/description.js";
 import { Executor } from "../../gpu/executor.js";
-import { medianOf } from "../numbers/median.js";
+import { medianOf } from "../numbers/quantiles.js";
 
 /**
  * @typedef {Object} Neighbourhoods the surroundings of N points

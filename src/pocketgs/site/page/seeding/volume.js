@@ -7,7 +7,7 @@
 
 import { centreOf, forwardOf, rayOf } from "../capture/camera.js";
 import { add, dot, normalised, subtract } from "../../page/scene/vectors.js";
-import { middleOf } from "../numbers/median.js";
+import { middleOf } from "../numbers/quantiles.js";
 import { Generator } from "../random/generator.js";
 import { focusPoint, looksAt } from "./focus.js";
 import { isOutsideHull, transparentOnes } from "./visual_hull.js";

@@ -5,7 +5,7 @@
  */
 
 import { isInImage, projected } from "../capture/camera.js";
-import { medianOf } from "../numbers/median.js";
+import { medianOf } from "../numbers/quantiles.js";
 
 /**
  * Median over the points of the number of cameras whose image contains the point.

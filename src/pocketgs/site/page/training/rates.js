@@ -5,7 +5,7 @@
  */
 
 import { isInImage, projected } from "../capture/camera.js";
-import { medianOf } from "../numbers/median.js";
+import { medianOf } from "../numbers/quantiles.js";
 
 /** @typedef {Object<string, number>} Rates by the names of `LearningRates` */
 

@@ -6,7 +6,7 @@
  */
 
 import { centreOf } from "../../capture/camera.js";
-import { medianOf } from "../../numbers/median.js";
+import { medianOf } from "../../numbers/quantiles.js";
 import { likeness } from "../features/appearance.js";
 import { countsOf, filtered, indicesWhere, renumbered, selected } from "../features/observations.js";
 import { choosePairs } from "../features/pairs.js";

@@ -5,7 +5,7 @@
  * @module
  */
 
-import { medianOf } from "../../numbers/median.js";
+import { medianOf } from "../../numbers/quantiles.js";
 import { essentialOf, givenMotion, raysOf, sampsonDistances } from "../features/epipolar.js";
 import { sortedBy, viewDistances } from "../features/pairs.js";
 import { positionsOf } from "../features/tracks.js";
