@@ -83,12 +83,13 @@ def rasterization(
     render_mode: str = "RGB",
     rasterize_mode: str = "classic",
     camera_model: str = "pinhole",
+    eps2d: float = 0.3,
 ) -> tuple[Tensor, Tensor, dict[str, Tensor]]:
     """Call the parts of the wheel's reference in the order of its `rasterization`, for (N, ...) Gaussians."""
     covars, _ = _torch_impl._quat_scale_to_covar_preci(quats, scales, True, False)
     compensated = rasterize_mode == "antialiased"
     radii, means2d, depths, conics, factors = _torch_impl._fully_fused_projection(
-        means, covars, viewmats, Ks, width, height, calc_compensations=compensated, camera_model=camera_model
+        means, covars, viewmats, Ks, width, height, eps2d, calc_compensations=compensated, camera_model=camera_model
     )
     shown = opacities.expand(len(viewmats), -1)
     if factors is not None:

@@ -74,6 +74,11 @@ def test_every_camera_model(make_scene: Callable[..., Any], camera_model: str, r
     compare(make_scene(), camera_model=camera_model, rasterize_mode=rasterize_mode)
 
 
+@pytest.mark.parametrize("rasterize_mode", ["classic", "antialiased"])
+def test_any_blur(make_scene: Callable[..., Any], rasterize_mode: str) -> None:
+    compare(make_scene(), eps2d=1.5, rasterize_mode=rasterize_mode)
+
+
 @pytest.mark.parametrize("channels", [1, 4, 40])
 def test_any_number_of_channels_over_a_background(make_scene: Callable[..., Any], channels: int) -> None:
     backgrounds = torch.rand(2, channels, generator=torch.Generator().manual_seed(5))

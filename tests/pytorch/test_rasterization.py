@@ -177,6 +177,19 @@ def test_pixels_from_the_intersections_that_meta_holds(make_scene: Callable[...,
         assert torch.equal(masked_alpha[:, :16], found_alpha[:, :16])
 
 
+def test_splats_of_given_lists_that_are_too_faint_add_nothing(make_scene: Callable[..., Any]) -> None:
+    scene = make_scene()
+    _, _, meta = rasterization(**scene, **SIZE, packed=False)
+    lists = (50, 37, 16, meta["isect_offsets"], meta["flatten_ids"])
+    shapes, colours = (meta["means2d"], meta["conics"]), scene["colors"][None]
+    faint = torch.arange(60) % 2 == 0
+    image, alpha = rasterize_to_pixels(*shapes, colours, meta["opacities"] * ~faint, *lists)
+    loud, same = rasterize_to_pixels(*shapes, colours + 100.0 * faint[:, None], meta["opacities"] * ~faint, *lists)
+    assert alpha.max() > 0.5
+    assert torch.equal(image, loud)
+    assert torch.equal(alpha, same)
+
+
 def test_lists_that_do_not_belong_to_the_splats_are_refused(make_scene: Callable[..., Any]) -> None:
     scene = make_scene()
     _, _, meta = rasterization(**scene, **SIZE, packed=False)
@@ -283,3 +296,29 @@ def test_bounds_follow_the_opacity(make_scene: Callable[..., Any]) -> None:
     assert (tight < wide).any()
     none, *_ = fully_fused_projection(*gaussians, opacities=torch.full((60,), 0.003))
     assert not none.any()
+
+
+@pytest.mark.parametrize("double", [False, True])
+def test_splats_are_clipped_if_both_their_radii_are_small(make_scene: Callable[..., Any], double: bool) -> None:
+    scene = make_scene(double=double)
+    gaussians = (scene["means"], None, scene["quats"], scene["scales"], scene["viewmats"], scene["Ks"], 50, 37)
+    whole, *_ = fully_fused_projection(*gaussians)
+    clip = int(whole.median())
+    kept = (whole > clip).any(-1, keepdim=True)
+    assert kept.any()
+    assert ((whole > clip).all(-1, keepdim=True) != kept).any()
+    clipped, *_ = fully_fused_projection(*gaussians, radius_clip=float(clip))
+    assert torch.equal(clipped, whole * kept)
+
+
+def test_depths_on_both_sides_of_an_orthographic_camera_are_in_order(make_scene: Callable[..., Any]) -> None:
+    """It has no middle that light goes through: moved forwards, it shows the same if its near plane stays."""
+    images = []
+    for forwards in (0.0, 4.0, 8.0):
+        scene = {name: tensor.detach() for name, tensor in make_scene().items()}
+        scene["Ks"][:, :2, :2] *= 0.4
+        scene["viewmats"][:, 2, 3] -= forwards
+        image, *_ = rasterization(**scene, width=50, height=37, camera_model="ortho", near_plane=-10.0)
+        images.append(image)
+    for image in images[1:]:
+        torch.testing.assert_close(image, images[0], rtol=0.0, atol=1e-4)

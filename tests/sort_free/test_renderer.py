@@ -13,7 +13,9 @@ import wgpu
 
 from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera
+from pocketgs.geometry.lens import Lens
 from pocketgs.scene.gaussians import PARAMETERS, Gaussians
+from pocketgs.sort_free import appearance, kernels
 from pocketgs.sort_free.drawing import drawing_of
 from pocketgs.sort_free.forms import FORMS, LARGEST_EXPONENT, FormName
 from pocketgs.sort_free.renderer import SortFreeImage, SortFreeRenderer
@@ -109,6 +111,30 @@ def test_engines_agree_with_the_reference(
         one, other = getattr(d_found.gaussians, name), getattr(d_expected.gaussians, name)
         assert np.quantile(np.abs(one - other), 0.98) < 1e-2 * np.abs(other).max(), name
     np.testing.assert_allclose(d_found.log_shared, d_expected.log_shared, rtol=1e-2, atol=1e-3)
+
+
+@pytest.mark.parametrize("lens", [Lens(), Lens("fisheye", (-0.15, 0.0, 0.0, 0.0))], ids=["pinhole", "fisheye"])
+def test_kernels_see_what_the_reference_sees(make_gaussians: MakeGaussians, lens: Lens) -> None:
+    """Also beside the image, close to the camera and behind it, and of what is faint, diverged or no number."""
+    camera = replace(camera_in_front(40, 20, 12.0), lens=lens)
+    scene = weighted_scene(make_gaussians(count=300, sh_degree=0), "visibility")
+    gaussians = scene.gaussians
+    gaussians.means *= 4.0
+    gaussians.opacity_logits[::5] = -6.0
+    gaussians.log_scales[50:60, 2] = 2.0
+    gaussians.means[0], gaussians.sh[1], gaussians.sh[2, 0, 1], gaussians.log_scales[3, 1] = np.nan, np.inf, -1e6, 1e3
+    scene.visibility_sh[4] = np.nan
+    found = kernels.appearance_of(scene, camera, 1.0, 2)
+    expected = appearance.appearance_of(in_float64(scene), camera, 1.0)
+    drawn = expected.drawn
+    assert drawn[5:].any()
+    assert not drawn[:5].any()
+    assert 0.1 < expected.in_image[drawn].mean() < 0.9
+    np.testing.assert_array_equal(found.drawn, drawn)
+    np.testing.assert_array_equal(found.in_image, expected.in_image)
+    np.testing.assert_allclose(found.lengths[drawn], expected.lengths[drawn], rtol=1e-5)
+    for name in ("depths", "colours", "visibility", "sizes"):
+        np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=1e-4, atol=1e-4, err_msg=name)
 
 
 @every_form

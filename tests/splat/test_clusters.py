@@ -20,7 +20,7 @@ from pocketgs.splat.cpu.layout import CLUSTER, View
 from pocketgs.splat.cpu.lenses.lens import kernel_lens
 from pocketgs.splat.reference.project import project
 from pocketgs.splat.reference.scene import Scene
-from pocketgs.splat.settings import AdamSettings, LearningRates, LossSettings, StepSettings
+from pocketgs.splat.settings import AdamSettings, LearningRates, LossSettings, PositionNoise, StepSettings
 from splat.training_step import assert_identical, camera_in_front, photograph
 
 FAST = StepSettings(LearningRates(0.05, 0.1, 0.05, 0.05, 0.05, 0.01), LossSettings(), AdamSettings(seen_only=True))
@@ -91,6 +91,29 @@ def test_training_is_the_same_with_and_without_culling(
     for one, other in zip(pictures, whole_pictures, strict=True):
         np.testing.assert_array_equal(one, other)
     assert np.abs(culled.means - scene.means).max() > 0.1
+
+
+def test_what_noise_moves_into_the_view_is_drawn() -> None:
+    """A step of `seen_only` updates the clusters in view alone, but noise moves the others as well."""
+    camera, rng = camera_in_front(40, 30, 60.0), np.random.default_rng(6)
+    means = rng.uniform(-0.5, 0.5, (2 * CLUSTER, 3))
+    means[CLUSTER:, 0] += 4.0
+    scene = Gaussians(
+        means,
+        np.full(means.shape, np.log(0.3)),
+        np.tile([1.0, 0, 0, 0], (len(means), 1)),
+        np.full(len(means), np.log(0.0045)),
+        np.ones((len(means), 1, 3)),
+    )
+    engine, other = CpuEngine(), CpuEngine()
+    engine.set_views([photograph(camera)])
+    engine.upload(scene)
+    engine.step(0, replace(FAST, noise=PositionNoise(50.0, 3)))
+    shaken, found = engine.download(), engine.render(camera).image
+    other.upload(shaken)
+    np.testing.assert_array_equal(found, other.render(camera).image)
+    other.upload(shaken.select(np.arange(CLUSTER, 2 * CLUSTER)))
+    assert other.render(camera).image.any()
 
 
 def test_numbers_that_are_none_do_not_widen_bounds(make_gaussians: Callable[..., Gaussians]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -99,3 +100,17 @@ def test_thirty_steps_agree(camera: Camera, make_gaussians: MakeGaussians) -> No
     result = engine.download()
     for name, tolerance in (("means", 2e-3), ("log_scales", 2e-2), ("opacity_logits", 2e-2)):
         assert np.quantile(np.abs(getattr(result, name) - getattr(scene, name)), 0.95) < tolerance
+
+
+def test_turns_by_large_angles_agree(camera: Camera, make_gaussians: MakeGaussians) -> None:
+    """A first step is as long as the rate along each axis: 50 degrees in all."""
+    gaussians, frame = make_gaussians(count=40, sh_degree=0, size=0.2), photograph(camera)
+    settings = StepSettings(replace(RATES, rotations=0.5), LossSettings("l2"), background=BACKGROUND)
+    engine, scene = CpuEngine(), Scene.of(gaussians)
+    engine.set_views([frame])
+    engine.upload(gaussians)
+    engine.step(0, settings)
+    reference_step(scene, frame, settings)
+    error = np.abs(engine.download().quaternions - scene.quaternions).max(axis=1)
+    assert np.quantile(error, 0.8) < 1e-3
+    assert np.abs(np.sum(scene.quaternions * Scene.of(gaussians).quaternions, axis=1)).min() < 0.95

@@ -175,6 +175,15 @@ def test_room_for_more_intersections_than_a_fifth_of_int32() -> None:
     assert with_slack(np.int64(7)) == 8
 
 
+def test_images_of_as_many_tiles_but_other_sizes(make_gaussians: MakeGaussians) -> None:
+    gaussians, engine = make_gaussians(count=30), CpuEngine()
+    engine.upload(gaussians)
+    for width, height in ((40, 30), (37, 32), (40, 30), (16, 80)):
+        camera, fresh = camera_in_front(width, height, 40.0), CpuEngine()
+        fresh.upload(gaussians)
+        np.testing.assert_array_equal(engine.render(camera).image, fresh.render(camera).image)
+
+
 def test_an_unknown_engine_is_refused() -> None:
     with pytest.raises(PocketGSError, match="auto, cpu, webgpu"):
         create_engine(EngineOptions("cuda"))  # type: ignore[arg-type]

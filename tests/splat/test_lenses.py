@@ -287,6 +287,31 @@ def test_culling_through_a_lens_loses_nothing_at_a_corner(name: str) -> None:
     assert found.mean() < 0.95
 
 
+@pytest.mark.parametrize("name", ["pinhole", "orthographic"])
+def test_culling_without_distortion_loses_nothing_beside_the_image(name: str) -> None:
+    """Needles and balls, each a cluster of its own, so that its bounds are as tight as can be."""
+    focal = 24.0 if name == "pinhole" else 6.0
+    camera, rng = replace(camera_in_front(24, 16, focal), lens=LENSES[name]), np.random.default_rng(3)
+    pixels = rng.uniform([-26.0, -26.0], [50.0, 42.0], (1000, 2))
+    pixels = pixels[np.any((pixels < 0.0) | (pixels > (24.0, 16.0)), axis=1)]
+    count = len(pixels)
+    log_scales = rng.uniform(-7.0, 0.0, (count, 3))
+    log_scales[::2] = log_scales[::2, :1]
+    scene = Gaussians(
+        np.column_stack([(pixels - (12.0, 8.0)) / 6.0, np.zeros(count)]),
+        log_scales,
+        rng.normal(size=(count, 4)),
+        np.full(count, 6.0),
+        np.zeros((count, 1, 3)),
+    )
+    copies = scene.select(np.repeat(np.arange(count), CLUSTER))
+    found = Clusters(len(copies)).in_view(copies, View.of(camera), kernel_lens(camera), 0.05, 2)
+    visible = project(Scene.of(scene), camera, 0.05).visible
+    assert 0.05 < visible.mean() < 0.5
+    assert np.isin(np.flatnonzero(visible), found).all()
+    assert len(found) < 0.8 * count
+
+
 def test_bounds_of_every_views_lens_are_kept() -> None:
     views = [
         replace(Camera(64, 48, 40.0, 40.0, 32.0, 24.0, np.eye(4)), lens=Lens("opencv", (-1e-4 * i, 0.0, 0.0, 0.0)))

@@ -22,7 +22,7 @@ from pocketgs.splat.reference import project as reference_project
 from pocketgs.splat.reference import rasterize as reference_rasterize
 from pocketgs.splat.reference.adam import rotate
 from pocketgs.splat.reference.scene import Scene
-from splat.training_step import BACKGROUND, EDITS, a_million_off_screen, camera_in_front, with_hostile_numbers
+from splat.training_step import BACKGROUND, EDITS, a_million_off_screen, camera_in_front, sheets, with_hostile_numbers
 
 MakeGaussians = Callable[..., Gaussians]
 
@@ -284,14 +284,6 @@ def test_infinite_logits_are_opaque_or_invisible(request: pytest.FixtureRequest,
     assert alphas[0].max() > 0.98
 
 
-def sheets(opacities: np.ndarray) -> Gaussians:
-    """One behind the other, each of the same opacity all over the image."""
-    count = len(opacities)
-    means = np.column_stack([np.zeros((count, 2)), np.linspace(0.0, 0.1, count)])
-    logits = np.log(opacities / (1.0 - opacities))
-    return Gaussians(means, np.full((count, 3), 5.0), np.tile([1.0, 0, 0, 0], (count, 1)), logits, np.zeros((count, 1, 3)))
-
-
 @pytest.mark.parametrize("engine", ["cpu", "webgpu", "reference"])
 def test_a_gaussian_as_opaque_as_can_be_has_no_gradient_of_its_shape(
     request: pytest.FixtureRequest, engine: str
@@ -321,6 +313,40 @@ def test_what_fills_a_pixel_has_a_gradient_and_what_is_behind_has_none(
     assert gradient.features[before, 0] == pytest.approx(8 * 16 * 5e-4 * 0.9, rel=0.01)
     assert not gradient.features[before + 1 :].any()
     assert not gradient.means[before + 1 :].any()
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize("engine", ["cpu", "webgpu", "reference"])
+def test_a_needle_that_has_diverged_along_either_side_is_not_drawn(
+    request: pytest.FixtureRequest, engine: str, axis: int
+) -> None:
+    if engine == "webgpu":
+        request.getfixturevalue("adapter")
+    needle = sheets(np.array([0.9]))
+    for length, expected in ((5.0, 0.9), (13.0, 0.0)):
+        needle.log_scales[:] = np.where(np.arange(3) == axis, length, -1.0)
+        alpha = shared(engine).forward(needle, camera_in_front(8, 16, 16.0), ("alpha",)).alpha
+        assert alpha.max() == pytest.approx(expected, abs=0.1)
+
+
+def test_beside_the_image_those_are_drawn_that_reach_a_pixel(engine: str) -> None:
+    """Around all of its sides; a few may be at the very edge of 1/255, and fall on either side."""
+    camera, rng = camera_in_front(24, 16, 24.0), np.random.default_rng(3)
+    pixels = rng.uniform([-8.0, -8.0], [32.0, 24.0], (2000, 2))
+    pixels = pixels[np.any((pixels < 0.0) | (pixels > (24.0, 16.0)), axis=1)]
+    count = len(pixels)
+    scene = Gaussians(
+        np.column_stack([(pixels - (12.0, 8.0)) / 6.0, np.zeros(count)]),
+        rng.uniform(-4.0, -1.2, (count, 3)),
+        rng.normal(size=(count, 4)),
+        rng.uniform(-4.0, 8.0, count),
+        np.zeros((count, 1, 3)),
+    )
+    found, expected = (
+        np.any(shared(one).forward(scene, camera, ("radii",)).radii > 0.0, axis=1) for one in (engine, "reference")
+    )
+    assert 0.2 < expected.mean() < 0.8
+    assert np.mean(found != expected) < 0.002
 
 
 def test_drawing_goes_on_while_two_rows_of_pixels_are_not_full(engine: str) -> None:

@@ -14,9 +14,10 @@ from pocketgs import Camera, Gaussians, PocketGSError
 from pocketgs.geometry.quaternions import rotation_matrices
 from pocketgs.scene.gaussians import PARAMETERS
 from pocketgs.splat.choose_engine import create_engine
+from pocketgs.splat.colours import transforms_of
 from pocketgs.splat.cpu.adam import regularise
 from pocketgs.splat.cpu.engine import CpuEngine
-from pocketgs.splat.cpu.layout import SceneArrays
+from pocketgs.splat.cpu.layout import CLUSTER, SceneArrays
 from pocketgs.splat.cpu.noise import add_noise
 from pocketgs.splat.engine import EngineOptions, OptimiserState
 from pocketgs.splat.parameters import COEFFICIENTS, GROUPS, Group, ParameterLayout, first_column
@@ -25,7 +26,7 @@ from pocketgs.splat.reference.project import project
 from pocketgs.splat.reference.rasterize import rasterize, rasterize_backward
 from pocketgs.splat.reference.scene import Scene
 from pocketgs.splat.rows import RowChange
-from pocketgs.splat.settings import LearningRates, LossSettings, PositionNoise, StepSettings
+from pocketgs.splat.settings import ColourSettings, LearningRates, LossSettings, PositionNoise, StepSettings
 from pocketgs.splat.store import ParameterStore
 from splat.training_step import assert_identical, camera_in_front, photograph
 
@@ -210,6 +211,25 @@ def test_training_goes_on_as_if_the_changed_scene_had_been_uploaded(make_gaussia
     assert_identical(engine.download(), other.download())
 
 
+def test_rows_that_the_next_view_does_not_show_have_no_gradient_after_a_change(make_gaussians: MakeGaussians) -> None:
+    """Two groups, each seen by one of two views."""
+    scene = make_gaussians(count=2 * CLUSTER, sh_degree=0)
+    scene.means[CLUSTER:, 0] += 1000.0
+    here, there = camera_in_front(40, 30, 40.0), camera_in_front(40, 30, 40.0)
+    there.world_to_camera[0, 3] = -1000.0
+    engine, other = CpuEngine(), CpuEngine()
+    for each in (engine, other):
+        each.set_views([photograph(here), photograph(there)])
+    engine.upload(scene)
+    step = replace(STEP, loss=LossSettings())
+    engine.step(0, step)
+    engine.change_rows(RowChange(np.arange(2 * CLUSTER, dtype=np.int32), np.zeros(2 * CLUSTER, bool)))
+    other.upload(engine.download(), engine.optimiser_state())
+    for each in (engine, other):
+        each.step(1, step)
+    assert_identical(engine.download(), other.download())
+
+
 def test_statistics_are_those_of_the_reference(make_gaussians: MakeGaussians) -> None:
     camera = camera_in_front(40, 30, 40.0)
     scene = make_gaussians(count=40, sh_degree=0)
@@ -237,6 +257,23 @@ def test_statistics_are_those_of_the_reference(make_gaussians: MakeGaussians) ->
     assert not engine.statistics().seen.any()
 
 
+def test_radii_are_the_largest_in_any_view(make_gaussians: MakeGaussians) -> None:
+    scene = make_gaussians(count=20, sh_degree=0)
+    frames = [photograph(camera_in_front(40, 30, focal)) for focal in (20.0, 40.0)]
+    still = StepSettings(LearningRates(*[0.0] * 6), LossSettings("l2"), statistics=True)
+    radii = []
+    for views in ((0,), (1,), (0, 1), (1, 0)):
+        engine = CpuEngine()
+        engine.set_views(frames)
+        engine.upload(scene)
+        for view in views:
+            engine.step(view, still)
+        radii.append(engine.statistics().radii)
+    assert (radii[0] != radii[1]).any()
+    for found in radii[2:]:
+        np.testing.assert_allclose(found, np.maximum(radii[0], radii[1]), rtol=1e-5)
+
+
 def test_errors_are_weighed_by_contributions(make_gaussians: MakeGaussians) -> None:
     """The sum over Gaussians is that of the error times alpha; a single Gaussian's is that of its own pixels."""
     camera = camera_in_front(40, 30, 40.0)
@@ -250,6 +287,26 @@ def test_errors_are_weighed_by_contributions(make_gaussians: MakeGaussians) -> N
         rendering = engine.render(camera)
         error = np.abs(rendering.image - photo.image / 255.0).mean(axis=2) * photo.mask
         assert engine.statistics().errors.sum() == pytest.approx((error * rendering.alpha).sum(), rel=1e-4)
+
+
+def test_errors_are_those_of_images_in_the_photographs_colours(make_gaussians: MakeGaussians) -> None:
+    camera = camera_in_front(40, 30, 40.0)
+    photo, other = photograph(camera), photograph(camera, seed=12)
+    engine = CpuEngine()
+    engine.set_views([photo, other])
+    engine.upload(make_gaussians(count=40, sh_degree=0))
+    still = StepSettings(LearningRates(*[0.0] * 6), colours=ColourSettings(0.1))
+    engine.step(0, still)
+    matrix = transforms_of(engine.optimiser_state().colours)[0]
+    engine.step(0, replace(still, errors=True))
+    rendering = engine.render(camera)
+    transformed = rendering.image @ matrix[:, :3].T + matrix[:, 3]
+    error, untransformed = (
+        (np.abs(image - photo.image / 255.0).mean(axis=2) * rendering.alpha).sum()
+        for image in (transformed, rendering.image)
+    )
+    assert abs(error - untransformed) > 0.01 * error
+    assert engine.statistics().errors.sum() == pytest.approx(error, rel=1e-4)
 
 
 def test_nothing_is_collected_that_was_not_asked_for(make_gaussians: MakeGaussians) -> None:

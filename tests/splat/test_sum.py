@@ -15,7 +15,7 @@ from pocketgs.geometry.camera import Camera
 from pocketgs.scene.gaussians import PARAMETERS, Gaussians
 from pocketgs.splat.rasterizer import Raster, RasterGradient
 from pocketgs.splat.reference.scene import Scene
-from splat.training_step import camera_in_front
+from splat.training_step import camera_in_front, sheets
 
 MakeGaussians = Callable[..., Gaussians]
 OUTPUTS: Any = ("rgb", "alpha", "normals", "features")
@@ -129,6 +129,29 @@ def test_nothing_is_ever_full(engine: str, make_gaussians: MakeGaussians) -> Non
     assert raster.features[8, 8, 0] > 80.0
     gradient = shared(engine).backward(raster, features=np.ones_like(raster.features), alpha=raster.alpha)
     assert np.all(np.isfinite(gradient.means))
+
+
+def test_a_gaussian_as_opaque_as_can_be_has_no_gradient_of_its_shape(engine: str) -> None:
+    raster = shared(engine).forward(sheets(np.array([0.999])), camera_in_front(8, 16, 16.0), ("rgb", "alpha"))
+    np.testing.assert_allclose(raster.alpha, 0.99 - 1.0 / 255.0, atol=1e-6)
+    gradient = shared(engine).backward(raster, rgb=np.ones((16, 8, 3)), alpha=np.ones((16, 8)))
+    for group in ("means", "log_scales", "rotations", "opacity_logits"):
+        assert not getattr(gradient, group).any(), group
+    assert gradient.sh.all()
+
+
+def test_gradients_of_opaque_splats_are_those_of_the_reference(
+    engine: str, camera: Camera, make_gaussians: MakeGaussians
+) -> None:
+    scene = make_gaussians(count=12, sh_degree=0, size=0.3)
+    scene.opacity_logits += 3.0
+    gradients = []
+    for one in (engine, "reference"):
+        raster = shared(one).forward(scene, camera, ("alpha",))
+        gradients.append(shared(one).backward(raster, alpha=np.ones((camera.height, camera.width))))
+    for name in ("means", "log_scales", "rotations", "opacity_logits"):
+        found, expected = (getattr(gradient, name) for gradient in gradients)
+        np.testing.assert_allclose(found, expected, atol=2e-3 * np.abs(expected).max(), err_msg=name)
 
 
 def test_mistakes_are_named(camera: Camera, make_gaussians: MakeGaussians) -> None:

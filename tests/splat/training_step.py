@@ -83,6 +83,16 @@ def of_every_size(seed: int) -> Gaussians:
     )
 
 
+def sheets(opacities: np.ndarray) -> Gaussians:
+    """One behind the other, each of the same opacity all over the image."""
+    count = len(opacities)
+    means = np.column_stack([np.zeros((count, 2)), np.linspace(0.0, 0.1, count)])
+    logits = np.log(opacities / (1.0 - opacities))
+    return Gaussians(
+        means, np.full((count, 3), 5.0), np.tile([1.0, 0, 0, 0], (count, 1)), logits, np.zeros((count, 1, 3))
+    )
+
+
 def a_million_off_screen() -> Gaussians:
     """Gaussians far to the side of the view of `camera_in_front`."""
     rng = np.random.default_rng(1)

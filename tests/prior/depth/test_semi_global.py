@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pocketgs.prior.depth.cpu.semi_global import EIGHT_PATHS, FOUR_PATHS, aggregate, winners
-from pocketgs.prior.depth.sweep_constants import EDGE, RIVAL_DISTANCE
+from pocketgs.prior.depth.sweep_constants import EDGE, NOISE, RIVAL_DISTANCE
 
 SHAPES = [(1, 1, 8), (1, 7, 8), (6, 1, 9), (5, 9, 11), (13, 8, 16), (70, 3, 8)]
 
@@ -122,6 +122,14 @@ def test_margin_is_the_share_by_which_the_winner_is_cheaper_than_its_best_rival(
     total[0, 2, [3, 3 + RIVAL_DISTANCE]] = 200, 210
     _, margins = winners(total, np.linspace(0.2, 1.7, 16, dtype=np.float32), 8)
     np.testing.assert_allclose(margins[0], [0.2, 0.0, 0.5], atol=1e-6)
+
+
+@pytest.mark.parametrize("paths", [4, 8])
+def test_margins_of_costs_that_noise_explains_are_shares_of_the_noise(paths: int) -> None:
+    total = np.full((1, 1, 16), 30, np.uint16)
+    total[0, 0, 5] = 10
+    _, margins = winners(total, np.linspace(0.2, 1.7, 16, dtype=np.float32), paths)
+    assert margins[0, 0] == pytest.approx(20 / (NOISE * paths))
 
 
 def test_costs_that_are_all_alike_have_no_winner() -> None:
