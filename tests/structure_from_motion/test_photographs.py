@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from pocketgs.files.memory_bound import memory_bound
+from pocketgs.structure_from_motion import process
 from pocketgs.structure_from_motion.exif import read_exif
 from pocketgs.structure_from_motion.photographs import Photograph, cameras_of, focal_length, read_photographs
 
@@ -37,6 +39,21 @@ def read(images: Path, tmp_path: Path, max_size: int) -> list[Photograph]:
     workspace = tmp_path / "work"
     workspace.mkdir(exist_ok=True)
     return read_photographs(images, tmp_path / "masks", workspace, max_size, 2, lambda done, of: None)
+
+
+def test_threads_keep_to_half_of_the_free_memory_and_to_the_bound(monkeypatch: pytest.MonkeyPatch) -> None:
+    pixels, free = 1600 * 1200, 64e9
+    monkeypatch.setattr(process, "usable_cores", lambda: 8)
+    monkeypatch.setattr(process, "resident_bytes", lambda: 300e6)
+    monkeypatch.setattr(process, "free_memory", lambda: free)
+    found = []
+    for megabytes in (100, 900, 1500, 2100, 64_000):
+        with memory_bound(megabytes):
+            found.append(process.threads_that_fit(pixels))
+    assert found == [1, 1, 2, 3, 8]
+    free = 2.4e9
+    with memory_bound(64_000):
+        assert process.threads_that_fit(pixels) == 2
 
 
 def test_features_are_sought_in_a_smaller_copy(tmp_path: Path) -> None:

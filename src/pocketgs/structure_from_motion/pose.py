@@ -29,9 +29,9 @@ ADVICE = (
     "take sharp photographs of textured surfaces in good light, from different positions, such that each shows two "
     "thirds of the previous one"
 )
-LITTLE_PARALLAX = (
-    "the camera hardly moved: depths are coarse, and the focal length is EXIF's or a guess; for a scene that can be "
-    "seen from elsewhere too, walk around what you photograph"
+UNDETERMINED_LENS = (
+    "the photographs do not determine the lens: the focal length is EXIF's or a guess, and depths may be coarse; for a "
+    "scene that can be seen from elsewhere too, walk around what you photograph"
 )
 COPY_AGAIN = "If they are damaged, copy them from the camera again"
 MAX_NAMES = 12
@@ -111,7 +111,7 @@ def pose(
     except OSError as error:
         raise PocketGSError(f"{output.resolve()}: cannot be written ({error.strerror or error})") from error
     if not outcome["lenses_refined"]:
-        on_warning(LITTLE_PARALLAX)
+        on_warning(UNDETERMINED_LENS)
     if unplaced:
         on_warning(_lacking(unplaced, len(photographs), outcome.get("other_models", [])))
     return PoseResult(

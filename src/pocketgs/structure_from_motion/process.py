@@ -16,9 +16,11 @@ from threading import Thread
 from typing import Any
 
 from pocketgs.errors import PocketGSError
+from pocketgs.files.memory_bound import room_for
 from pocketgs.structure_from_motion.work import Count
 from pocketgs.system.cores import usable_cores
 from pocketgs.system.free_memory import free_memory
+from pocketgs.system.process import resident_bytes
 
 # Measured for SIFT, which first doubles the image's size.
 BYTES_PER_PIXEL_AND_THREAD = 300
@@ -42,9 +44,13 @@ def check_installed() -> None:
 
 
 def threads_that_fit(pixels: int) -> int:
-    """Number of threads that can extract features from images of so many pixels within half of the free memory."""
-    fitting = free_memory() / 2 // (BYTES_PER_PIXEL_AND_THREAD * max(1, pixels))
-    return max(1, min(usable_cores(), int(fitting)))
+    """Number of threads that can extract features from images of so many pixels, at least one.
+
+    They fit in half of the free memory, and beside what this process holds in the memory bound.
+    """
+    needed = BYTES_PER_PIXEL_AND_THREAD * max(1, pixels)
+    fitting = int(free_memory() / 2 // needed)
+    return max(1, min(fitting, room_for(needed, usable_cores(), held=resident_bytes())))
 
 
 def run_colmap(

@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
 import pycolmap
 
 from pocketgs.structure_from_motion.colmap.agreement import Split, forget, split
 from pocketgs.structure_from_motion.colmap.job import announce, announce_count
+from pocketgs.structure_from_motion.colmap.lenses import has_square_pixels
 from pocketgs.structure_from_motion.colmap.mapping_job import MappingJob
 
 MIN_MODEL, MIN_POINTS = 3, 20
@@ -17,9 +17,6 @@ MIN_MODEL, MIN_POINTS = 3, 20
 
 MIN_POINTS_PER_IMAGE = 20
 """Minimum number of points of a model of images that were placed all at once, per image."""
-
-FAR = 0.1
-"""Log ratio above which two focal lengths differ."""
 
 
 class Agreeing(NamedTuple):
@@ -162,13 +159,8 @@ def _map_globally(job: MappingJob, database: Path) -> list[pycolmap.Reconstructi
         model
         for model in found.values()
         if model.num_points3D() >= MIN_POINTS_PER_IMAGE * model.num_reg_images()
-        and all(map(_has_square_pixels, model.cameras.values()))
+        and all(map(has_square_pixels, model.cameras.values()))
     ]
-
-
-def _has_square_pixels(camera: pycolmap.Camera) -> bool:
-    """Whether the focal lengths along both axes agree: they drift apart where the motion does not determine them."""
-    return abs(float(np.log(camera.focal_length_x / camera.focal_length_y))) <= FAR
 
 
 MAPPERS = {"incremental": _map_incrementally, "global": _map_globally}

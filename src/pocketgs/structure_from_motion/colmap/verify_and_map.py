@@ -14,7 +14,8 @@ import pycolmap
 from pocketgs.structure_from_motion.colmap.bundle_adjustment import adjust_bundle
 from pocketgs.structure_from_motion.colmap.database import add_camera, add_image, number_names, write_pairs
 from pocketgs.structure_from_motion.colmap.job import announce, announce_count, serve
-from pocketgs.structure_from_motion.colmap.mapping import FAR, MIN_MODEL, agreeing_models
+from pocketgs.structure_from_motion.colmap.lenses import FAR, simple_lens, with_requested_lenses
+from pocketgs.structure_from_motion.colmap.mapping import MIN_MODEL, agreeing_models
 from pocketgs.structure_from_motion.colmap.mapping_job import MappingJob, MappingOutcome
 from pocketgs.structure_from_motion.colmap.match_file import read_match_file
 from pocketgs.structure_from_motion.colmap.stillness import match_shifts, stands_still
@@ -64,6 +65,7 @@ def run(job: MappingJob) -> MappingOutcome:
         return outcome
     largest = _with_stated_focal_lengths(job, largest)
     largest.write_binary(job["raw_model"])
+    largest = with_requested_lenses(job, largest)
     for image in largest.images.values():
         image.name = names[image.name]
     _enlarge(job, largest)
@@ -94,7 +96,7 @@ def _fill(job: MappingJob, database: Path) -> None:
         for number, camera in enumerate(job["cameras"], start=1):
             width, height = camera["size"]
             lens = pycolmap.Camera.create_from_model_name(
-                number, camera["model"], camera["focal_length"], width, height
+                number, simple_lens(camera["model"]), camera["focal_length"], width, height
             )
             lens.has_prior_focal_length = camera["focal_length_is_known"]
             rig = add_camera(made, number, lens)
