@@ -11,7 +11,7 @@ import pycolmap
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pocketgs.structure_from_motion.colmap import mapping
+from pocketgs.structure_from_motion.colmap import agreement, mapping
 from pocketgs.structure_from_motion.colmap.agreement import forget, split
 from pocketgs.structure_from_motion.colmap.mapping import agreeing_models
 from pocketgs.structure_from_motion.colmap.mapping_job import MappingJob
@@ -63,6 +63,19 @@ def test_images_that_contradict_the_others_lose_their_poses(scene: tuple[pycolma
         found = split(model, database, True)
     assert found.parts == [len(APART)]
     assert placed(model) == [number for number in placed(scene[0]) if number not in APART]
+
+
+@pytest.mark.parametrize(("fit", "parts"), [(0.75, []), (0.65, []), (0.55, [len(APART)])])
+def test_poses_that_are_only_imprecise_do_not_contradict_each_other(
+    scene: tuple[pycolmap.Reconstruction, Path], monkeypatch: pytest.MonkeyPatch, fit: float, parts: list[int]
+) -> None:
+    """As between the halves of a walk straight ahead; by chance, up to half of the matches fit."""
+    model = pycolmap.Reconstruction(scene[0])
+    is_apart = np.isin(sorted(model.images), APART)
+    fits = np.where(is_apart[:, None] == is_apart, 0.95, fit)
+    monkeypatch.setattr(agreement, "_matches", lambda *_: (np.full_like(fits, 50.0), fits))
+    with pycolmap.Database.open(scene[1]) as database:
+        assert split(model, database, True).parts == parts
 
 
 @pytest.mark.parametrize("refine_lenses", [True, False])

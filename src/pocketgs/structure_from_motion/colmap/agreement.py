@@ -49,7 +49,7 @@ def split(model: pycolmap.Reconstruction, database: pycolmap.Database, refine_le
     """
     images = sorted(number for number, image in model.images.items() if image.has_pose)
     total, fit = _matches(model, database, images)
-    group = agreeing_groups(total, np.where(fit >= PAIR_FIT, total, 0.0))
+    group = agreeing_groups(total, total * _support(fit))
     sizes = np.bincount(group)
     kept = group == sizes.argmax()
     if kept.all():
@@ -62,6 +62,14 @@ def split(model: pycolmap.Reconstruction, database: pycolmap.Database, refine_le
     between = (kept[:, None] != kept) & (fit > JOINED)
     joints = [(images[first], images[second]) for first, second in np.argwhere(np.triu(between))]
     return Split(sorted(sizes[sizes > 0].tolist(), reverse=True)[1:], joints)
+
+
+def _support(fit: np.ndarray) -> np.ndarray:
+    """How far pairs support the poses, from 0 if as many matches fit as by chance to 1 if as many as fit right poses.
+
+    Poses that are only imprecise, as of a walk straight ahead, lie between: they do not contradict each other.
+    """
+    return np.clip((fit - JOINED) / (PAIR_FIT - JOINED), 0.0, 1.0)
 
 
 def forget(joints: list[tuple[int, int]], database: pycolmap.Database) -> None:
