@@ -8,12 +8,20 @@ import pickle
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 from torch import Tensor
 
 from pocketgs.errors import PocketGSError
-from pocketgs.torch import fully_fused_projection, rasterization, rasterize_to_pixels
+from pocketgs.torch import (
+    TileBinner,
+    TileRasterizer,
+    fully_fused_projection,
+    quat_scale_to_covar_preci,
+    rasterization,
+    rasterize_to_pixels,
+)
 from pocketgs.torch.arrays import array_of
 
 SIZE = {"width": 50, "height": 37}
@@ -299,6 +307,28 @@ def test_bounds_follow_the_opacity(make_scene: Callable[..., Any]) -> None:
 
 
 @pytest.mark.parametrize("double", [False, True])
+@pytest.mark.parametrize("compensated", [False, True])
+def test_bounds_are_where_a_splat_fades_out(make_scene: Callable[..., Any], compensated: bool, double: bool) -> None:
+    """Where α is 1/255, of an opacity that makes up for the blur."""
+    scene = {name: tensor.detach() for name, tensor in make_scene(double=double).items()}
+    scene["scales"] *= torch.logspace(-2.0, 0.0, 60)[:, None]
+    radii, _, _, conics, factors = fully_fused_projection(
+        *(scene["means"], None, scene["quats"], scene["scales"], scene["viewmats"], scene["Ks"], 50, 37),
+        opacities=scene["opacities"],
+        calc_compensations=compensated,
+    )
+    seen = radii.all(-1)
+    assert 30 < seen.sum() < 60 if compensated else seen.all()
+    xx, xy, yy = conics[seen].unbind(-1)
+    variances = torch.stack([yy, xx], -1) / (xx * yy - xy * xy)[:, None]
+    opacities = scene["opacities"][seen[0]] * (factors[seen] if compensated else 1.0)
+    reach = (2.0 * (255.0 * opacities).log()).sqrt().clamp(max=3.33)
+    beyond = radii[seen] - reach[:, None] * variances.sqrt()
+    assert beyond.min() > -1e-3
+    assert beyond.max() < 1.001
+
+
+@pytest.mark.parametrize("double", [False, True])
 def test_splats_are_clipped_if_both_their_radii_are_small(make_scene: Callable[..., Any], double: bool) -> None:
     scene = make_scene(double=double)
     gaussians = (scene["means"], None, scene["quats"], scene["scales"], scene["viewmats"], scene["Ks"], 50, 37)
@@ -322,3 +352,34 @@ def test_depths_on_both_sides_of_an_orthographic_camera_are_in_order(make_scene:
         images.append(image)
     for image in images[1:]:
         torch.testing.assert_close(image, images[0], rtol=0.0, atol=1e-4)
+
+
+def test_covariances_of_needles_too_thin_for_float32() -> None:
+    """Their conics are no ellipses any more, and would reach tiles that there are not."""
+    generator = torch.Generator().manual_seed(0)
+    means = torch.rand(20, 3, generator=generator) - 0.5
+    means[:, 2] += 4.0
+    half = torch.rand(20, generator=generator)
+    quats = torch.stack([half.cos(), 0.0 * half, 0.0 * half, half.sin()], -1)
+    covars, _ = quat_scale_to_covar_preci(quats, torch.tensor([[300.0, 1e-3, 1e-3]]).repeat(20, 1))
+    colours, viewmats = torch.rand(20, 3, generator=generator), torch.eye(4)[None]
+    intrinsics = torch.tensor([[[44.0, 0.0, 25.0], [0.0, 44.0, 18.0], [0.0, 0.0, 1.0]]])
+    image, alpha, _ = rasterization(
+        means, None, None, torch.full((20,), 0.9), colours, viewmats, intrinsics, 50, 37, covars=covars
+    )
+    assert image.isfinite().all()
+    assert (alpha <= 1.0).all()
+
+
+def test_conics_that_are_hardly_definite_are_not_drawn() -> None:
+    """Nearest to the parabola in float32, on its inside."""
+    rng = np.random.default_rng(0)
+    xx, yy = rng.uniform(0.01, 1.0, (2, 2000)).astype(np.float32)
+    xy = np.sqrt(xx.astype(np.float64) * yy).astype(np.float32)
+    xy = np.where(xy.astype(np.float64) ** 2 >= xx.astype(np.float64) * yy, np.nextafter(xy, np.float32(0.0)), xy)
+    conics = torch.from_numpy(np.stack([xx, xy, yy], -1))
+    centres = torch.from_numpy(rng.uniform(0.0, 30.0, (2000, 2)).astype(np.float32))
+    opacities = torch.full((2000,), 0.9)
+    tiles = TileBinner.apply(centres, conics, opacities, torch.linspace(1.0, 2.0, 2000), [0, 2000], 50, 37)
+    image, _ = TileRasterizer.apply(centres, conics, torch.ones(2000, 3), opacities, None, tiles, False)
+    assert not image.any()

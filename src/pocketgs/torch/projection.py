@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from pocketgs.errors import PocketGSError
-from pocketgs.splat.constants import ALPHA_MIN
+from pocketgs.splat.constants import ALPHA_MIN, MIN_DETERMINANT
 from pocketgs.splat.cpu.operators.projection import REACH, UNBOUNDED
 from pocketgs.torch.arrays import check_shape, check_tensors, checked_dtype
 from pocketgs.torch.covariance import from_upper_triangle, proj, quat_scale_to_covar_preci, world_to_cam
@@ -164,6 +164,7 @@ def _project(
         seen = in_range & (drawn >= ALPHA_MIN) & drawn.isfinite() & (radii > projection.radius_clip).any(-1)
         inside = (centres + radii > 0.0) & (centres - radii < centres.new_tensor(size))
         seen &= inside.all(-1) & centres.isfinite().all(-1) & conics.isfinite().all(-1)
+        seen &= determinant > MIN_DETERMINANT * xx * yy
         radii = torch.where(seen[..., None], radii, 0.0).int()
     rows = torch.nonzero(seen.flatten())[:, 0]
     flat = [centres.reshape(-1, 2), depths.reshape(-1), conics.reshape(-1, 3), compensations.reshape(-1)]

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numba import prange
 
-from pocketgs.splat.constants import ALPHA_MIN, CULLED
+from pocketgs.splat.constants import ALPHA_MIN, CULLED, MIN_DETERMINANT
 from pocketgs.splat.cpu.lanes import LANES
 from pocketgs.splat.cpu.layout import (
     COLOURS,
@@ -47,7 +47,9 @@ def _write_shape(centre: np.ndarray, conic: np.ndarray, opacity: float, splat: n
     splat[EXPONENT_XX] = -_HALF_LOG2_E * xx
     splat[EXPONENT_XY] = -2.0 * _HALF_LOG2_E * xy
     splat[EXPONENT_YY] = -_HALF_LOG2_E * yy
-    if not (opacity >= ALPHA_MIN and xx > 0.0 and yy > 0.0 and xx * yy > xy * xy):
+    # Thinner needles become unbounded in float32, and would be listed in tiles that there are not.
+    is_bounded = xx > 0.0 and yy > 0.0 and xx * yy - xy * xy > MIN_DETERMINANT * xx * yy
+    if not (opacity >= ALPHA_MIN and is_bounded):
         return False
     splat[LOG2_OPACITY] = math.log2(opacity)
     return math.isfinite(float(centre[0]) + float(centre[1]) + xx + yy + opacity)
