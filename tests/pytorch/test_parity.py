@@ -142,9 +142,18 @@ def test_building_blocks(make_scene: Callable[..., Any]) -> None:
 
 @pytest.mark.parametrize("degree", [0, 1, 2, 3])
 def test_harmonics(make_scene: Callable[..., Any], degree: int) -> None:
-    scene = make_scene(sh_degree=3)
-    found = spherical_harmonics(degree, scene["means"], scene["colors"])
-    assert_close(found, _torch_impl._spherical_harmonics(degree, scene["means"], scene["colors"]), 1e-5)
+    scenes = [make_scene(sh_degree=3, double=double) for double in (False, True)]
+    found, expected = (
+        harmonics(degree, scene["means"], scene["colors"])
+        for harmonics, scene in zip((spherical_harmonics, _torch_impl._spherical_harmonics), scenes, strict=True)
+    )
+    assert_close(found, expected, 1e-5)
+    weights = torch.rand(found.shape, generator=torch.Generator().manual_seed(1))
+    for values in (found, expected):
+        (values * weights).sum().backward()
+    for name in ("means", "colors") if degree else ("colors",):
+        ours, theirs = (scene[name].grad for scene in scenes)
+        assert_close(ours, theirs, 1e-5, name)
 
 
 def test_intersections(make_scene: Callable[..., Any]) -> None:

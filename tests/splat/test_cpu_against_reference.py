@@ -16,7 +16,7 @@ from pocketgs.splat.reference.loss import photometric_loss
 from pocketgs.splat.reference.project import project
 from pocketgs.splat.reference.rasterize import rasterize
 from pocketgs.splat.reference.scene import Scene
-from pocketgs.splat.settings import LossSettings, StepSettings
+from pocketgs.splat.settings import AdamSettings, LossSettings, StepSettings
 from splat.training_step import BACKGROUND, RATES, columns, photograph, reference_step
 
 MakeGaussians = Callable[..., Gaussians]
@@ -100,6 +100,19 @@ def test_thirty_steps_agree(camera: Camera, make_gaussians: MakeGaussians) -> No
     result = engine.download()
     for name, tolerance in (("means", 2e-3), ("log_scales", 2e-2), ("opacity_logits", 2e-2)):
         assert np.quantile(np.abs(getattr(result, name) - getattr(scene, name)), 0.95) < tolerance
+
+
+def test_steps_agree_where_gradients_are_as_small_as_epsilon(camera: Camera, make_gaussians: MakeGaussians) -> None:
+    gaussians, frame = make_gaussians(count=40, sh_degree=0, size=0.2), photograph(camera)
+    settings = StepSettings(RATES, LossSettings("l2"), AdamSettings(epsilon=1e-3), background=BACKGROUND)
+    engine, scene = CpuEngine(), Scene.of(gaussians)
+    engine.set_views([frame])
+    engine.upload(gaussians)
+    engine.step(0, settings)
+    reference_step(scene, frame, settings)
+    moved, expected = engine.download().means - gaussians.means, scene.means - gaussians.means
+    assert 0.01 * RATES.means < np.median(np.abs(expected)) < 0.9 * RATES.means
+    np.testing.assert_allclose(moved, expected, atol=0.01 * np.abs(expected).max())
 
 
 def test_turns_by_large_angles_agree(camera: Camera, make_gaussians: MakeGaussians) -> None:

@@ -43,6 +43,7 @@ from splat.training_step import (
     assert_identical,
     camera_in_front,
     of_every_size,
+    photograph,
     with_hostile_numbers,
 )
 
@@ -86,6 +87,18 @@ def test_state_restores_training(camera: Camera, make_gaussians: MakeGaussians) 
     for _ in range(3):
         resumed.step(0, STEP)
     assert_identical(whole, resumed.download())
+
+
+def test_the_loss_of_some_steps_is_their_mean(camera: Camera, make_gaussians: MakeGaussians) -> None:
+    engine = CpuEngine(1)
+    engine.set_views([photograph(camera)])
+    engine.upload(make_gaussians(count=20, sh_degree=0))
+    losses = []
+    for _ in range(4):
+        engine.step(0, STEP)
+        losses.append(engine.loss())
+    assert len(set(losses)) == 4
+    assert engine.loss(3) == pytest.approx(np.mean(losses[1:]), rel=1e-6)
 
 
 def test_training_brings_the_loss_down(camera: Camera, make_gaussians: MakeGaussians) -> None:

@@ -194,6 +194,64 @@ def test_gaussians_beside_the_image_have_the_gradients_of_the_reference(
         np.testing.assert_allclose(one, other, atol=5e-3 * np.abs(other).max(), err_msg=group)
 
 
+@pytest.mark.parametrize("engine", ["cpu", "webgpu"])
+@pytest.mark.parametrize(("model", "coefficients"), [("opencv", 12), ("fisheye", 4)])
+def test_every_coefficient_bends_images_and_gradients_as_in_the_reference(
+    request: pytest.FixtureRequest, engine: str, model: str, coefficients: int
+) -> None:
+    """One after the other, so large that its higher powers count; a few Gaussians are close to the axis."""
+    if engine == "webgpu":
+        request.getfixturevalue("adapter")
+    rng, count = np.random.default_rng(3), 30
+    means = rng.uniform([-3.0, -2.2, -1.0], [3.0, 2.2, 1.0], (count, 3))
+    means[:6, :2] *= 0.1
+    scene = Gaussians(
+        means - (0.0, 0.0, 0.0 if model == "opencv" else 2.0),
+        rng.uniform(-1.2, -0.2, (count, 3)),
+        rng.normal(size=(count, 4)),
+        np.full(count, -1.0),
+        rng.normal(size=(count, 1, 3)),
+    )
+    rasterizers: list[Rasterizer] = [Rasterizer(name) for name in (engine, "reference")]  # type: ignore[arg-type]
+    d_rgb, d_alpha = rng.normal(size=(30, 40, 3)), rng.normal(size=(30, 40))
+    for coefficient in 0.1 * np.eye(coefficients):
+        camera = replace(camera_in_front(40, 30, 18.0), lens=Lens(model, tuple(coefficient)))
+        found, expected = (rasterizer.forward(scene, camera, ("rgb", "alpha")) for rasterizer in rasterizers)
+        np.testing.assert_allclose(found.rgb, expected.rgb, atol=1e-4, err_msg=str(coefficient))
+        d_found, d_expected = (
+            rasterizer.backward(raster, rgb=d_rgb, alpha=d_alpha)
+            for rasterizer, raster in zip(rasterizers, (found, expected), strict=True)
+        )
+        for group in ("means", "log_scales", "rotations"):
+            one, other = getattr(d_found, group), getattr(d_expected, group)
+            np.testing.assert_allclose(one, other, atol=3e-5 * np.abs(other).max(), err_msg=f"{group} {coefficient}")
+
+
+@pytest.mark.parametrize("engine", ["cpu", "webgpu"])
+def test_close_to_a_fisheyes_axis_gradients_are_those_of_the_reference(
+    request: pytest.FixtureRequest, engine: str
+) -> None:
+    """Just inside and just outside the angle below which quotients by the distance from the axis are power series."""
+    if engine == "webgpu":
+        request.getfixturevalue("adapter")
+    camera, rng = replace(camera_in_front(40, 30, 18.0), lens=CULLED_THROUGH["fisheye"]), np.random.default_rng(4)
+    depths, turns = np.linspace(1.5, 2.5, 20), rng.uniform(0.0, 2.0 * np.pi, 20)
+    slopes = np.tile([0.09, 0.095, 0.099, 0.101], 5)
+    scene = Gaussians(
+        np.column_stack([slopes * depths * np.cos(turns), slopes * depths * np.sin(turns), depths - 4.0]),
+        rng.uniform(-1.2, -0.2, (20, 3)),
+        rng.normal(size=(20, 4)),
+        np.full(20, -2.0),
+        np.zeros((20, 1, 3)),
+    )
+    d_alpha, gradients = rng.normal(size=(30, 40)), []
+    for name in (engine, "reference"):
+        rasterizer = Rasterizer(name)  # type: ignore[arg-type]
+        raster = rasterizer.forward(scene, camera, ("alpha",))
+        gradients.append(rasterizer.backward(raster, alpha=d_alpha).means)
+    np.testing.assert_allclose(*gradients, atol=1e-5 * np.abs(gradients[1]).max())
+
+
 @pytest.mark.parametrize(("engine_name", "name"), [("cpu", "fisheye"), ("webgpu", "fisheye"), ("webgpu", "opencv")])
 def test_a_training_step_through_a_lens_agrees(
     request: pytest.FixtureRequest, camera: Camera, make_gaussians: MakeGaussians, engine_name: EngineName, name: str
@@ -287,6 +345,19 @@ def test_culling_through_a_lens_loses_nothing_at_a_corner(name: str) -> None:
     assert found.mean() < 0.95
 
 
+@pytest.mark.parametrize("engine", ["cpu", "webgpu"])
+@pytest.mark.parametrize("name", CULLED_THROUGH)
+def test_what_a_lens_shows_at_a_corner_is_what_the_reference_shows(
+    request: pytest.FixtureRequest, engine: str, name: str
+) -> None:
+    """Nothing beyond the angle at which the lens would fold the image back."""
+    if engine == "webgpu":
+        request.getfixturevalue("adapter")
+    scene, camera, expected = at_a_corner(name, 1)
+    raster = Rasterizer(engine).forward(scene, camera, ("radii",))  # type: ignore[arg-type]
+    assert np.mean((raster.radii[:, 0] > 0.0) != expected) < 0.005
+
+
 @pytest.mark.parametrize("name", ["pinhole", "orthographic"])
 def test_culling_without_distortion_loses_nothing_beside_the_image(name: str) -> None:
     """Needles and balls, each a cluster of its own, so that its bounds are as tight as can be."""
@@ -310,6 +381,32 @@ def test_culling_without_distortion_loses_nothing_beside_the_image(name: str) ->
     assert 0.05 < visible.mean() < 0.5
     assert np.isin(np.flatnonzero(visible), found).all()
     assert len(found) < 0.8 * count
+
+
+@pytest.mark.parametrize("name", LENSES)
+def test_a_cluster_around_the_camera_is_not_culled(name: str) -> None:
+    """All but one of its Gaussians are behind the camera, and so is its middle."""
+    camera = replace(Camera(64, 48, 80.0, 80.0, 32.0, 24.0, np.eye(4)), lens=LENSES[name])
+    means = np.tile([0.0, 0.0, -4.0], (CLUSTER, 1))
+    means[7, 2] = 2.0
+    scene = Gaussians(
+        means,
+        np.full((CLUSTER, 3), -4.0),
+        np.tile([1.0, 0, 0, 0], (CLUSTER, 1)),
+        np.full(CLUSTER, 6.0),
+        np.zeros((CLUSTER, 1, 3)),
+    )
+    assert np.flatnonzero(project(Scene.of(scene), camera).visible).tolist() == [7]
+    assert Clusters(CLUSTER).in_view(scene, View.of(camera), kernel_lens(camera), 0.05, 2).tolist() == [0]
+
+
+@pytest.mark.parametrize("name", LENSES)
+def test_a_cluster_just_beyond_the_near_plane_is_not_culled(name: str) -> None:
+    camera = replace(Camera(64, 48, 80.0, 80.0, 32.0, 24.0, np.eye(4)), lens=LENSES[name])
+    one = Gaussians([[0.0, 0.0, 0.06]], np.full((1, 3), -6.0), [[1.0, 0, 0, 0]], [6.0], np.zeros((1, 1, 3)))
+    for near, expected in ((0.05, [0]), (0.07, [])):
+        assert np.flatnonzero(project(Scene.of(one), camera, near).visible).tolist() == expected
+        assert Clusters(1).in_view(one, View.of(camera), kernel_lens(camera), near, 1).tolist() == expected
 
 
 def test_bounds_of_every_views_lens_are_kept() -> None:

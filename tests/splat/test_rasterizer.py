@@ -329,6 +329,20 @@ def test_a_needle_that_has_diverged_along_either_side_is_not_drawn(
         assert alpha.max() == pytest.approx(expected, abs=0.1)
 
 
+def test_needles_across_both_axes_are_drawn_up_to_the_length_that_the_reference_draws(engine: str) -> None:
+    """Beyond some thousand times their width, float32 cannot represent their covariance."""
+    lengths = np.linspace(2.35, 9.35, 15)
+    needles = sheets(np.full(15, 0.9))
+    needles.log_scales[:] = np.column_stack([lengths, np.full((15, 2), -6.0)])
+    needles.quaternions[:] = (np.cos(np.pi / 8), 0.0, 0.0, np.sin(np.pi / 8))
+    found, expected = (
+        shared(one).forward(needles, camera_in_front(8, 16, 16.0), ("radii",)).radii.any(axis=1)
+        for one in (engine, "reference")
+    )
+    np.testing.assert_array_equal(found, expected)
+    assert 3 < np.count_nonzero(expected) < 12
+
+
 def test_beside_the_image_those_are_drawn_that_reach_a_pixel(engine: str) -> None:
     """Around all of its sides; a few may be at the very edge of 1/255, and fall on either side."""
     camera, rng = camera_in_front(24, 16, 24.0), np.random.default_rng(3)
@@ -361,6 +375,17 @@ def test_drawing_goes_on_while_two_rows_of_pixels_are_not_full(engine: str) -> N
         alpha = shared(engine).forward(scene, camera, ("alpha",)).alpha
         assert 0.9 < alpha[open_row : open_row + 2].min() < 0.99, open_row
         assert np.delete(alpha, [open_row, open_row + 1], axis=0).min() > 0.999
+
+
+def test_every_pixel_is_drawn_whatever_the_size_of_the_image(engine: str) -> None:
+    """The last column or row may be alone in its tile."""
+    for size in (1, 7, 8, 9, 16, 17, 33):
+        for width, height in ((size, 3), (3, size)):
+            raster = shared(engine).forward(
+                sheets(np.array([0.9])), camera_in_front(width, height, 16.0), ("alpha", "contributions")
+            )
+            np.testing.assert_allclose(raster.alpha, 0.9, atol=1e-3)
+            assert raster.contributions.pixels.tolist() == [3 * size]
 
 
 def test_an_orthographic_camera_does_not_show_its_own_plane(engine: str) -> None:

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pocketgs import Camera, Gaussians, PocketGSError
+from pocketgs import Camera, Gaussians, PocketGSError, Rasterizer
 from pocketgs.geometry.quaternions import rotation_matrices
 from pocketgs.scene.gaussians import PARAMETERS
 from pocketgs.splat.choose_engine import create_engine
@@ -230,8 +230,9 @@ def test_rows_that_the_next_view_does_not_show_have_no_gradient_after_a_change(m
     assert_identical(engine.download(), other.download())
 
 
-def test_statistics_are_those_of_the_reference(make_gaussians: MakeGaussians) -> None:
-    camera = camera_in_front(40, 30, 40.0)
+@pytest.mark.parametrize(("width", "height"), [(40, 30), (30, 40)])
+def test_statistics_are_those_of_the_reference(make_gaussians: MakeGaussians, width: int, height: int) -> None:
+    camera = camera_in_front(width, height, 40.0)
     scene = make_gaussians(count=40, sh_degree=0)
     engine = engine_with(scene, camera)
     still = StepSettings(LearningRates(*[0.0] * 6), LossSettings("l2"), statistics=True)
@@ -242,7 +243,7 @@ def test_statistics_are_those_of_the_reference(make_gaussians: MakeGaussians) ->
     raster = rasterize(projection, camera, np.zeros(3))
     _, d_image = photometric_loss(raster.image, photograph(camera).image / 255.0, LossSettings("l2"), None)
     backward = rasterize_backward(projection, camera, raster, d_image)
-    gradient = backward.means * (20, 15)
+    gradient = backward.means * (width / 2, height / 2)
     visible = projection.visible
     np.testing.assert_array_equal(found.seen, 2.0 * visible)
     np.testing.assert_allclose(found.screen_gradients, 2 * np.linalg.norm(gradient, axis=1), rtol=2e-3, atol=1e-7)
@@ -287,6 +288,19 @@ def test_errors_are_weighed_by_contributions(make_gaussians: MakeGaussians) -> N
         rendering = engine.render(camera)
         error = np.abs(rendering.image - photo.image / 255.0).mean(axis=2) * photo.mask
         assert engine.statistics().errors.sum() == pytest.approx((error * rendering.alpha).sum(), rel=1e-4)
+
+
+def test_each_gaussians_error_is_that_of_the_reference(make_gaussians: MakeGaussians) -> None:
+    camera = camera_in_front(40, 30, 40.0)
+    photo, scene = photograph(camera, masked=True), make_gaussians(count=40, sh_degree=0)
+    engine = engine_with(scene, camera)
+    engine.set_masks([photo.mask])
+    engine.step(0, StepSettings(LearningRates(*[0.0] * 6), errors=True))
+    rasterizer = Rasterizer("reference")
+    seen = rasterizer.forward(scene, camera, ("rgb", "features"), features=np.ones((40, 1)))
+    error = np.abs(seen.rgb - photo.image / 255.0).mean(axis=2) * photo.mask
+    expected = rasterizer.backward(seen, features=error[..., None]).features[:, 0]
+    np.testing.assert_allclose(engine.statistics().errors, expected, atol=1e-3 * expected.max())
 
 
 def test_errors_are_those_of_images_in_the_photographs_colours(make_gaussians: MakeGaussians) -> None:

@@ -37,6 +37,20 @@ def test_pixels_of_different_footprints_are_not_merged() -> None:
     np.testing.assert_allclose(found.positions[found.positions[:, 0].argsort()], positions[positions[:, 0].argsort()])
 
 
+def test_a_voxel_is_the_mean_of_its_pixels_weighed_by_their_confidences() -> None:
+    """Three pixels near to one another, and one apart; the confidence itself is an unweighted mean."""
+    confidences = np.array([0.2, 0.4, 0.9, 0.7])
+    positions = np.array([[0.5, 0.5, 0.500], [0.5, 0.5, 0.501], [0.5, 0.5, 0.503], [9.0, 0.5, 0.5]])
+    colours, ones = np.random.default_rng(3).uniform(size=(4, 3)), np.ones(4)
+    directions = np.tile([0.0, 0.0, 1.0], (4, 1))
+    found = CpuMerger().merged(Candidates(positions, colours, directions, 0.1 * ones, ones, confidences), 2)
+    order = found.positions[:, 0].argsort()
+    weights = np.array([[0.2, 0.4, 0.9, 0.0], [0.0, 0.0, 0.0, 0.7]]) / [[1.5], [0.7]]
+    np.testing.assert_allclose(found.confidences[order], [0.5, 0.7], rtol=1e-6)
+    np.testing.assert_allclose(found.positions[order], weights @ positions, rtol=1e-6)
+    np.testing.assert_allclose(found.colours[order], weights @ colours, rtol=1e-6)
+
+
 def test_the_grid_is_turned_and_not_stretched() -> None:
     """By a rotation that keeps every side of a voxel 18 degrees and more away from walls along the axes."""
     np.testing.assert_allclose(TURN @ TURN.T, np.eye(3), atol=1e-15)
