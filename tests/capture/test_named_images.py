@@ -12,9 +12,18 @@ from PIL import Image
 
 from pocketgs.capture import open_capture
 from pocketgs.capture.open import lacks_poses, read_listing
-from pocketgs.capture.unposed import find_photographs
+from pocketgs.capture.unposed import find_photographs, only_video
 from pocketgs.errors import PocketGSError
 from pocketgs.files.paths import is_folder_of_photographs
+from pocketgs.structure_from_motion.images import source_files
+
+
+def link(path: Path, target: Path) -> None:
+    """A symbolic link to a folder."""
+    try:
+        path.symlink_to(target, target_is_directory=True)
+    except OSError as error:
+        pytest.skip(f"no links here: {error}")
 
 
 @pytest.mark.parametrize(
@@ -172,6 +181,81 @@ def test_a_picture_beside_the_photographs(ring, tmp_path):
     for name in ring.names[1:6]:
         (tmp_path / f"images/{name}").rename(tmp_path / name)
     assert [path.name for path in find_photographs(tmp_path)] == ["cover.png", *ring.names[1:6]]
+
+
+def test_a_preview_in_the_only_folder_of_photographs(ring, tmp_path):
+    """Folders in a folder are searched like the folder itself."""
+    ring.write_images(tmp_path / "skull/images")
+    (tmp_path / "skull/images" / ring.names[0]).rename(tmp_path / "skull/Preview.png")
+    (tmp_path / "skull/turntable.mp4").touch()
+    for folder in (tmp_path, tmp_path / "skull"):
+        assert [path.name for path in find_photographs(folder)] == ring.names[1:]
+        assert only_video(folder) is None
+    ring.write_images(tmp_path / "other")
+    with pytest.raises(PocketGSError, match=r"several folders, other \(10\), skull/images \(9\): move them"):
+        open_capture(tmp_path)
+
+
+def test_photographs_that_lie_deep(ring, tmp_path):
+    """They are not taken, but the message names their folder."""
+    outer, deep = tmp_path / "outer", tmp_path / "outer/a/b/c/images"
+    ring.write_images(deep)
+    (deep / "notes.txt").touch()
+    ring.write_images(outer / "a/b/c/masks")
+    ring.write_images(tmp_path / "elsewhere")
+    link(outer / "a/b/c/link", tmp_path / "elsewhere")
+    with pytest.raises(PocketGSError, match=r"format: photographs are in a/b/c/images, 10 of them: name that folder$"):
+        open_capture(outer)
+    (outer / "a/b/c/more/of/them").mkdir(parents=True)
+    for name in ring.names[:3]:
+        shutil.move(deep / name, outer / "a/b/c/more/of/them")
+    several = r"several folders, a/b/c/images \(7\), a/b/c/more/of/them \(3\): name one of them"
+    with pytest.raises(PocketGSError, match=several):
+        open_capture(outer)
+    # A picture that is found does not hide them.
+    (outer / "docs").mkdir()
+    shutil.copy(deep / ring.names[5], outer / "docs")
+    with pytest.raises(PocketGSError, match="1 photographs; photographs are in several folders, a/b/c/images"):
+        source_files(outer)
+
+
+def test_captures_that_lie_deep(write_transforms, colmap_files, tmp_path):
+    outer, deep = tmp_path / "outer", tmp_path / "outer/a/b/c"
+    shutil.copytree(write_transforms(), deep, ignore=shutil.ignore_patterns("outer"))
+    colmap_files.write(deep / "sparse/0")
+    with pytest.raises(PocketGSError, match=r"format: a capture is in a/b/c: name that folder$"):
+        open_capture(outer)
+    shutil.copytree(deep, outer / "a/d/c")
+    with pytest.raises(PocketGSError, match=r"format: captures are in a/b/c, a/d/c: name one of them$"):
+        open_capture(outer)
+
+
+def test_the_search_for_what_lies_deep_is_bounded(ring, tmp_path, monkeypatch):
+    ring.write_images(tmp_path / "a/b/c/images")
+    (tmp_path / "a/b/more").mkdir()
+    for number in range(20):
+        (tmp_path / f"a/b/more/{number}.txt").touch()
+    monkeypatch.setattr("pocketgs.capture.unrecognised.MAX_ENTRIES", 10)
+    with pytest.raises(PocketGSError, match=r"format\. Looked for photographs"):
+        open_capture(tmp_path)
+
+
+def test_folders_that_may_hold_the_registered_images_are_named(ring, colmap_files, tmp_path):
+    """Of other names with the same numbers, and several with the same names."""
+    colmap_files.write(tmp_path)
+    (tmp_path / "cover.png").touch()
+    ring.write_images(tmp_path / "originals")
+    for name in ring.names:
+        (tmp_path / "originals" / name).rename(tmp_path / "originals" / f"ori_{name[5:]}")
+    with pytest.raises(
+        PocketGSError, match=r"view_00\.png; those in originals may be meant: name the folder by --images"
+    ):
+        read_listing(tmp_path)
+    assert len(read_listing(tmp_path, "originals").frames) == 10
+    ring.write_images(tmp_path / "a")
+    ring.write_images(tmp_path / "b")
+    with pytest.raises(PocketGSError, match="those in a, b, originals may be meant"):
+        read_listing(tmp_path)
 
 
 def test_real_photographs_one_folder_down(data_folder: Path):

@@ -205,7 +205,7 @@ def _reader_for(path: Path) -> Reader:
             return reader
     if holds_photographs(path) or only_video(path):
         raise PocketGSError(f"{path}: photographs without poses, expected a capture; run pocketgs pose to make one")
-    if found := what_is_there(path):
+    if found := what_is_there(path, holds_capture):
         raise PocketGSError(f"{path}: not a capture of a supported format: {found}")
     raise PocketGSError(
         f"{path}: not a capture of a supported format. Looked for photographs "

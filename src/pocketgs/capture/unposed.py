@@ -41,15 +41,17 @@ def find_photographs_in(folder: Path) -> list[Path]:
 
 
 def photographs_by_folder(folder: Path) -> dict[Path, list[Path]]:
-    """The photographs in the folders of a folder, or else in the folders of these, as cameras nest them: DCIM/100APPLE.
+    """The photographs of the folders of a folder, or else of the folders of these, as cameras nest them: DCIM/100APPLE.
 
-    By inner folder, sorted; those without photographs are left out.
+    By the folder that they lie in, sorted. Each inner folder counts once, and is searched like one that is named: a few
+    pictures beside its `images` are a preview.
     """
     return _in_folders(folder) or dict(item for path in _inner(folder) for item in _in_folders(path).items())
 
 
 def _in_folders(folder: Path) -> dict[Path, list[Path]]:
-    return {path: found for path in _inner(folder) if (found := find_photographs_in(path))}
+    found = filter(None, map(_in_usual_places, _inner(folder)))
+    return {photographs[0].parent: photographs for photographs in found}
 
 
 def _inner(folder: Path) -> list[Path]:

@@ -6,9 +6,10 @@ from collections.abc import Callable, Sequence
 from pathlib import Path, PureWindowsPath
 
 from pocketgs.capture.last_numbers import pair_by_number
-from pocketgs.capture.named_images import find_images, find_stated
-from pocketgs.capture.unposed import POSED_RECORD, USUAL_FOLDER
-from pocketgs.errors import PocketGSError
+from pocketgs.capture.named_images import find_images, find_stated, spelling
+from pocketgs.capture.unposed import POSED_RECORD, USUAL_FOLDER, find_photographs_in
+from pocketgs.capture.unrecognised import MAX_NAMES, folders_below
+from pocketgs.errors import PocketGSError, listed
 from pocketgs.files.paths import list_images, relative_name
 
 Files = tuple[list[Path | None], tuple[str, ...]]
@@ -73,12 +74,31 @@ def _renamed(names: Sequence[str], folder: Path, capture: Path) -> Files:
     """
     present = list_images(folder)
     if len(present) != len(names):
-        raise PocketGSError(f"{folder}: holds none of the {len(names)} registered images, such as {names[0]}")
+        found = f"{folder}: holds none of the {len(names)} registered images, such as {names[0]}"
+        raise PocketGSError(f"{found}{_where_they_may_be(names, capture)}")
     by_number = pair_by_number(names, present)
     by_name = by_number or dict(zip(sorted(names), present, strict=True))
     how = "by the numbers in their names" if by_number else "in sorted order"
     message = f"{relative_name(folder, capture)} names its files otherwise: matched to the model {how}"
     return [by_name[name] for name in names], (message,)
+
+
+def _where_they_may_be(names: Sequence[str], capture: Path) -> str:
+    """The folders of a capture that may hold the images, for a message; empty if there are none.
+
+    They hold images of these names, several folders the same ones, or as many with the same numbers in their names.
+    """
+    wanted = {spelling(PureWindowsPath(name).name) for name in names}
+    present = ((folder, find_photographs_in(folder)) for folder in folders_below(capture))
+    fitting = [
+        relative_name(folder, capture)
+        for folder, files in present
+        if any(spelling(file.name) in wanted for file in files)
+        or (len(files) == len(names) and pair_by_number(names, files))
+    ]
+    if not fitting:
+        return ""
+    return f"; those in {listed(fitting, MAX_NAMES)} may be meant: name the folder by --images"
 
 
 def _unregistered(files: Sequence[Path | None], capture: Path) -> tuple[str, ...]:
