@@ -11,6 +11,14 @@ from pocketgs.geometry.camera import Camera, look_at
 from pocketgs.scene.gaussians import SH_COEFFICIENTS, SH_DC, Gaussians
 
 
+@pytest.fixture(params=["cpu", "webgpu"])
+def engine(request: pytest.FixtureRequest) -> str:
+    """The name of an engine; a test that takes others too states them with `indirect=True`."""
+    if request.param == "webgpu":
+        request.getfixturevalue("adapter")
+    return str(request.param)
+
+
 @pytest.fixture
 def camera() -> Camera:
     """A 37 x 29 view from in front of the origin, slightly rotated, with an off-centre principal point."""

@@ -167,14 +167,11 @@ def test_engines_agree_with_the_reference(
             assert np.quantile(np.abs(one - other), 0.99) < 5e-3 * np.abs(other).max(), field.name
 
 
-@pytest.mark.parametrize("engine", ["cpu", "webgpu"])
 @pytest.mark.parametrize("name", ["pinhole", "opencv"])
 def test_gaussians_beside_the_image_have_the_gradients_of_the_reference(
-    request: pytest.FixtureRequest, make_gaussians: MakeGaussians, engine: str, name: str
+    make_gaussians: MakeGaussians, engine: str, name: str
 ) -> None:
     """Beyond its sides and corners, where the Jacobian is that of the margin's edge, but reaching into it."""
-    if engine == "webgpu":
-        request.getfixturevalue("adapter")
     camera = replace(camera_in_front(40, 30, 40.0), lens=LENSES[name])
     scene = make_gaussians(count=24, sh_degree=1, size=0.6, seed=3)
     places = [(x, y) for x in (-3.4, 0.2, 3.4) for y in (-2.7, 0.1, 2.7) if abs(x) + abs(y) > 1.0]
@@ -194,14 +191,11 @@ def test_gaussians_beside_the_image_have_the_gradients_of_the_reference(
         np.testing.assert_allclose(one, other, atol=5e-3 * np.abs(other).max(), err_msg=group)
 
 
-@pytest.mark.parametrize("engine", ["cpu", "webgpu"])
 @pytest.mark.parametrize(("model", "coefficients"), [("opencv", 12), ("fisheye", 4)])
 def test_every_coefficient_bends_images_and_gradients_as_in_the_reference(
-    request: pytest.FixtureRequest, engine: str, model: str, coefficients: int
+    engine: str, model: str, coefficients: int
 ) -> None:
     """One after the other, so large that its higher powers count; a few Gaussians are close to the axis."""
-    if engine == "webgpu":
-        request.getfixturevalue("adapter")
     rng, count = np.random.default_rng(3), 30
     means = rng.uniform([-3.0, -2.2, -1.0], [3.0, 2.2, 1.0], (count, 3))
     means[:6, :2] *= 0.1
@@ -227,13 +221,8 @@ def test_every_coefficient_bends_images_and_gradients_as_in_the_reference(
             np.testing.assert_allclose(one, other, atol=3e-5 * np.abs(other).max(), err_msg=f"{group} {coefficient}")
 
 
-@pytest.mark.parametrize("engine", ["cpu", "webgpu"])
-def test_close_to_a_fisheyes_axis_gradients_are_those_of_the_reference(
-    request: pytest.FixtureRequest, engine: str
-) -> None:
+def test_close_to_a_fisheyes_axis_gradients_are_those_of_the_reference(engine: str) -> None:
     """Just inside and just outside the angle below which quotients by the distance from the axis are power series."""
-    if engine == "webgpu":
-        request.getfixturevalue("adapter")
     camera, rng = replace(camera_in_front(40, 30, 18.0), lens=CULLED_THROUGH["fisheye"]), np.random.default_rng(4)
     depths, turns = np.linspace(1.5, 2.5, 20), rng.uniform(0.0, 2.0 * np.pi, 20)
     slopes = np.tile([0.09, 0.095, 0.099, 0.101], 5)
@@ -270,12 +259,8 @@ def test_a_training_step_through_a_lens_agrees(
     assert np.quantile(error, 0.99) < 2e-3 * np.abs(gradient.means).max()
 
 
-@pytest.mark.parametrize("engine", ["cpu", "webgpu", "reference"])
-def test_antialiasing_keeps_what_a_small_gaussian_adds_to_the_image(
-    request: pytest.FixtureRequest, engine: str
-) -> None:
-    if engine == "webgpu":
-        request.getfixturevalue("adapter")
+@pytest.mark.parametrize("engine", ["cpu", "webgpu", "reference"], indirect=True)
+def test_antialiasing_keeps_what_a_small_gaussian_adds_to_the_image(engine: str) -> None:
     camera = Camera(21, 21, 20.0, 20.0, 10.5, 10.5, np.eye(4))
     totals = {}
     for size in (0.01, 0.02):
@@ -345,14 +330,9 @@ def test_culling_through_a_lens_loses_nothing_at_a_corner(name: str) -> None:
     assert found.mean() < 0.95
 
 
-@pytest.mark.parametrize("engine", ["cpu", "webgpu"])
 @pytest.mark.parametrize("name", CULLED_THROUGH)
-def test_what_a_lens_shows_at_a_corner_is_what_the_reference_shows(
-    request: pytest.FixtureRequest, engine: str, name: str
-) -> None:
+def test_what_a_lens_shows_at_a_corner_is_what_the_reference_shows(engine: str, name: str) -> None:
     """Nothing beyond the angle at which the lens would fold the image back."""
-    if engine == "webgpu":
-        request.getfixturevalue("adapter")
     scene, camera, expected = at_a_corner(name, 1)
     raster = Rasterizer(engine).forward(scene, camera, ("radii",))  # type: ignore[arg-type]
     assert np.mean((raster.radii[:, 0] > 0.0) != expected) < 0.005
@@ -436,12 +416,8 @@ def test_a_lens_needs_hardly_more_clusters_than_a_pinhole() -> None:
     assert max(found.values()) <= 1.2 * found["pinhole"]
 
 
-@pytest.mark.parametrize("engine", ["cpu", "webgpu", "reference"])
-def test_a_fisheye_shows_what_stands_behind_it_and_not_what_its_polynomial_folds_over(
-    request: pytest.FixtureRequest, engine: str
-) -> None:
-    if engine == "webgpu":
-        request.getfixturevalue("adapter")
+@pytest.mark.parametrize("engine", ["cpu", "webgpu", "reference"], indirect=True)
+def test_a_fisheye_shows_what_stands_behind_it_and_not_what_its_polynomial_folds_over(engine: str) -> None:
     for coefficients, expected in (((0.0, 0.0, 0.0, 0.0), True), ((-0.15, 0.0, 0.0, 0.0), False)):
         camera = Camera(60, 60, 10.0, 10.0, 30.0, 30.0, np.eye(4), Lens("fisheye", coefficients))
         # 110 degrees off axis.

@@ -124,13 +124,6 @@ def shared(engine: Any) -> Rasterizer:
     return Rasterizer(engine)
 
 
-@pytest.fixture(params=["cpu", "webgpu"])
-def engine(request: pytest.FixtureRequest) -> str:
-    if request.param == "webgpu":
-        request.getfixturevalue("adapter")
-    return str(request.param)
-
-
 def every_output(engine: Any, gaussians: Gaussians, camera: Camera, features: np.ndarray) -> Raster:
     return shared(engine).forward(gaussians, camera, OUTPUTS, features=features, background=BACKGROUND)
 
@@ -210,12 +203,8 @@ def test_a_part_of_the_outputs_has_the_gradients_of_the_reference(
         np.testing.assert_allclose(found, expected, atol=2e-3 * np.abs(expected).max() + 1e-12, err_msg=group)
 
 
-@pytest.mark.parametrize("engine", ["cpu", "webgpu", "reference"])
-def test_contributions_to_many_views_are_those_to_each(
-    request: pytest.FixtureRequest, make_gaussians: MakeGaussians, engine: str
-) -> None:
-    if engine == "webgpu":
-        request.getfixturevalue("adapter")
+@pytest.mark.parametrize("engine", ["cpu", "webgpu", "reference"], indirect=True)
+def test_contributions_to_many_views_are_those_to_each(make_gaussians: MakeGaussians, engine: str) -> None:
     gaussians = make_gaussians(count=120, size=0.15)
     # The second is larger than the first, so that a GPU's buffers grow in between.
     cameras = [camera_in_front(20, 10, 20.0), camera_in_front(60, 40, 60.0), camera_in_front(20, 10, 30.0)]
@@ -284,12 +273,8 @@ def test_infinite_logits_are_opaque_or_invisible(request: pytest.FixtureRequest,
     assert alphas[0].max() > 0.98
 
 
-@pytest.mark.parametrize("engine", ["cpu", "webgpu", "reference"])
-def test_a_gaussian_as_opaque_as_can_be_has_no_gradient_of_its_shape(
-    request: pytest.FixtureRequest, engine: str
-) -> None:
-    if engine == "webgpu":
-        request.getfixturevalue("adapter")
+@pytest.mark.parametrize("engine", ["cpu", "webgpu", "reference"], indirect=True)
+def test_a_gaussian_as_opaque_as_can_be_has_no_gradient_of_its_shape(engine: str) -> None:
     raster = shared(engine).forward(sheets(np.array([0.999])), camera_in_front(8, 16, 16.0), ("rgb", "alpha"))
     np.testing.assert_allclose(raster.alpha, 0.99, atol=1e-6)
     gradient = shared(engine).backward(raster, rgb=np.ones((16, 8, 3)), alpha=np.ones((16, 8)))
@@ -299,13 +284,9 @@ def test_a_gaussian_as_opaque_as_can_be_has_no_gradient_of_its_shape(
 
 
 @pytest.mark.parametrize("before", [3, 16])
-@pytest.mark.parametrize("engine", ["cpu", "webgpu", "reference"])
-def test_what_fills_a_pixel_has_a_gradient_and_what_is_behind_has_none(
-    request: pytest.FixtureRequest, engine: str, before: int
-) -> None:
+@pytest.mark.parametrize("engine", ["cpu", "webgpu", "reference"], indirect=True)
+def test_what_fills_a_pixel_has_a_gradient_and_what_is_behind_has_none(engine: str, before: int) -> None:
     """Some sheets let 5e-4 of the light through, the next one takes nine tenths of that; three more are behind."""
-    if engine == "webgpu":
-        request.getfixturevalue("adapter")
     scene = sheets(np.array([*[1.0 - 5e-4 ** (1.0 / before)] * before, 0.9, 0.9, 0.9, 0.9]))
     camera = camera_in_front(8, 16, 16.0)
     raster = shared(engine).forward(scene, camera, ("features",), features=np.ones((before + 4, 1)))
@@ -316,12 +297,8 @@ def test_what_fills_a_pixel_has_a_gradient_and_what_is_behind_has_none(
 
 
 @pytest.mark.parametrize("axis", [0, 1])
-@pytest.mark.parametrize("engine", ["cpu", "webgpu", "reference"])
-def test_a_needle_that_has_diverged_along_either_side_is_not_drawn(
-    request: pytest.FixtureRequest, engine: str, axis: int
-) -> None:
-    if engine == "webgpu":
-        request.getfixturevalue("adapter")
+@pytest.mark.parametrize("engine", ["cpu", "webgpu", "reference"], indirect=True)
+def test_a_needle_that_has_diverged_along_either_side_is_not_drawn(engine: str, axis: int) -> None:
     needle = sheets(np.array([0.9]))
     for length, expected in ((5.0, 0.9), (13.0, 0.0)):
         needle.log_scales[:] = np.where(np.arange(3) == axis, length, -1.0)
@@ -420,12 +397,10 @@ def test_hostile_numbers_leave_images_and_gradients_finite(engine: str, edits: l
         assert not np.any(getattr(gradient, name)[~drawn]), name
 
 
-@pytest.mark.parametrize("engine", ["cpu", "webgpu", "reference"])
+@pytest.mark.parametrize("engine", ["cpu", "webgpu", "reference"], indirect=True)
 @pytest.mark.parametrize("thin", [0, 1, 2])
-def test_normals_are_those_of_a_disc_towards_the_camera(request: pytest.FixtureRequest, engine: str, thin: int) -> None:
+def test_normals_are_those_of_a_disc_towards_the_camera(engine: str, thin: int) -> None:
     """A turned disc, thin along any of its axes, from in front and from behind."""
-    if engine == "webgpu":
-        request.getfixturevalue("adapter")
     turn = Rotation.from_euler("xyz", [20.0, 15.0, 40.0], degrees=True)
     log_scales = np.where(np.arange(3) == thin, -6.0, [-0.5, -0.7, -0.9])[None]
     quaternion = turn.as_quat()[[3, 0, 1, 2]][None]

@@ -27,13 +27,6 @@ def shared(engine: Any) -> Rasterizer:
     return Rasterizer(engine, compositor="sum")
 
 
-@pytest.fixture(params=["cpu", "webgpu"])
-def engine(request: pytest.FixtureRequest) -> str:
-    if request.param == "webgpu":
-        request.getfixturevalue("adapter")
-    return str(request.param)
-
-
 def drawn(engine: Any, scene: Any, camera: Camera, channels: int = 5) -> tuple[Raster, RasterGradient]:
     features = np.random.default_rng(2).normal(size=(len(scene.means), channels))
     raster = shared(engine).forward(scene, camera, OUTPUTS, features=features)

@@ -54,7 +54,7 @@ def find_images(
         files, refusal = [], error
     if any(files):
         return files, ()
-    files = _by_name_alone(_images_below(folder, leave_out), named, suffixes)
+    files = _by_name_alone(images_below(folder, leave_out), named, suffixes)
     found = [(name, file) for name, file in zip(named, files, strict=True) if file is not None]
     moved = found and all(PureWindowsPath(name).root for name in named)
     if refusal and not moved and len(found) < len(named):
@@ -155,7 +155,7 @@ def _rank(file: Path, stated: str) -> tuple[int, bool]:
     return -agreeing, re.search(r"_\d+$", file.parent.name) is not None
 
 
-def _images_below(folder: Path, leave_out: Callable[[Path], bool]) -> list[Path]:
+def images_below(folder: Path, leave_out: Callable[[Path], bool]) -> list[Path]:
     """All images below a folder, except in folders of masks, depths and the like; links are not followed."""
 
     def is_searched(path: Path) -> bool:

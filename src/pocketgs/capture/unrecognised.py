@@ -59,7 +59,7 @@ def _what_lies_deep(path: Path, is_capture: Callable[[Path], bool]) -> str:
     """The captures below a folder, or else the folders below it with more photographs than are found for it."""
     captures, photographs = list[Path](), dict[str, int]()
     fewest = len(find_photographs(path)) + 1
-    for folder in folders_below(path):
+    for folder in _folders_below(path):
         if any(capture in folder.parents for capture in captures):
             continue  # a part of it
         if is_capture(folder):
@@ -77,7 +77,7 @@ def _what_lies_deep(path: Path, is_capture: Callable[[Path], bool]) -> str:
     return f"photographs are in several folders, {listed(sizes, MAX_NAMES)}: name one of them" if sizes else ""
 
 
-def folders_below(path: Path) -> Iterator[Path]:
+def _folders_below(path: Path) -> Iterator[Path]:
     """The folders below a folder, the less deep first, as far as `MAX_ENTRIES` entries reach.
 
     Links, folders that cannot be read, and folders of masks, depths and the like are left out.

@@ -10,14 +10,14 @@ from __future__ import annotations
 import numpy as np
 
 PAIR_FIT = 0.8
-"""Minimum share of a pair's matches that must fit the poses for the pair to support them.
+"""Share of a pair's matches that fit the poses from which on the whole pair supports them.
 
 Of matches that one motion explains, nearly all fit correct poses. Of random matches about half lie near epipolar lines,
 since these are long.
 """
 
 MIN_SUPPORT = 1 / 3
-"""Minimum share of the matches between two groups that must belong to supporting pairs.
+"""Minimum share of the matches between two groups that must support the poses.
 
 Not higher, since repeated patterns give wrong matches that agree on a motion, even between correct views. Not lower,
 since wrong views find partners by chance: of a room with half the poses wrong, three agree with the largest group in
@@ -30,7 +30,7 @@ def agreeing_groups(total: np.ndarray, supporting: np.ndarray) -> np.ndarray:
 
     Args:
         total: (F, F) symmetric number of matches of each pair.
-        supporting: (F, F) the same of pairs that support the poses, and 0 for the others.
+        supporting: (F, F) how many of these support the poses.
     """
     group = np.arange(len(total))
     pairs = np.argwhere(np.triu(supporting))

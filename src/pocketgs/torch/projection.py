@@ -16,7 +16,8 @@ from pocketgs.torch.project import Project2D, ProjectedSplats, Projection
 from pocketgs.torch.rows import Rows
 from pocketgs.torch.unsupported import check_camera_model
 
-_MIN_DETERMINANT = 1e-10
+_LEAST_DETERMINANT = 1e-10
+"""What is divided by instead of less, so that gradients of Gaussians that are not drawn are finite."""
 
 
 def fully_fused_projection(
@@ -152,7 +153,7 @@ def _project(
     xx, xy, yy = covariances[..., 0, 0], covariances[..., 0, 1], covariances[..., 1, 1]
     before = xx * yy - xy * xy
     xx, yy = xx + projection.eps2d, yy + projection.eps2d
-    determinant = (xx * yy - xy * xy).clamp(min=_MIN_DETERMINANT)
+    determinant = (xx * yy - xy * xy).clamp(min=_LEAST_DETERMINANT)
     compensations = (before / determinant).clamp(min=0.0).sqrt() if projection.compensated else torch.ones_like(depths)
     conics = torch.stack([yy, -xy, xx], -1) / determinant[..., None]
     with torch.no_grad():

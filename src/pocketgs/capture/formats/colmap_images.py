@@ -6,9 +6,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path, PureWindowsPath
 
 from pocketgs.capture.last_numbers import pair_by_number
-from pocketgs.capture.named_images import find_images, find_stated, spelling
-from pocketgs.capture.unposed import POSED_RECORD, USUAL_FOLDER, find_photographs_in
-from pocketgs.capture.unrecognised import MAX_NAMES, folders_below
+from pocketgs.capture.named_images import find_images, find_stated, images_below, spelling
+from pocketgs.capture.unposed import POSED_RECORD, USUAL_FOLDER
+from pocketgs.capture.unrecognised import MAX_NAMES
 from pocketgs.errors import PocketGSError, listed
 from pocketgs.files.paths import list_images, relative_name
 
@@ -89,10 +89,12 @@ def _where_they_may_be(names: Sequence[str], capture: Path) -> str:
     They hold images of these names, several folders the same ones, or as many with the same numbers in their names.
     """
     wanted = {spelling(PureWindowsPath(name).name) for name in names}
-    present = ((folder, find_photographs_in(folder)) for folder in folders_below(capture))
+    by_folder: dict[Path, list[Path]] = {}
+    for file in images_below(capture, leave_out=lambda folder: False):
+        by_folder.setdefault(file.parent, []).append(file)
     fitting = [
         relative_name(folder, capture)
-        for folder, files in present
+        for folder, files in by_folder.items()
         if any(spelling(file.name) in wanted for file in files)
         or (len(files) == len(names) and pair_by_number(names, files))
     ]

@@ -23,7 +23,7 @@ class MappedCamera(TypedDict):
     """A camera of one or more images.
 
     Attributes:
-        model: COLMAP's name of its lens model.
+        model: COLMAP's name of the requested lens model.
         focal_length: in pixels of the reduced images.
         focal_length_is_known: whether it is stated, and not guessed.
         size: width and height of the reduced images.
