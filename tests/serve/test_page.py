@@ -46,6 +46,18 @@ def test_what_a_phone_offers_for_a_button(browser: Browser, serve: Callable[...,
             phone["#begin [data-close]"].click()
 
 
+def test_a_button_waits_until_the_computer_answers(browser: Browser, serve: Callable[..., Phone]) -> None:
+    """What may be chosen is the computer's to say: until then a press would be lost."""
+    with visiting(browser, serve().url, *PHONE) as phone:
+        phone.page.route("**/shelf.json", lambda route: route.abort())
+        phone.page.reload()
+        phone["#connection"].wait_for()
+        expect(phone["[data-kind=photographs]"]).to_be_disabled()
+        phone.page.unroute("**/shelf.json")
+        choose(phone, "[data-kind=photographs]", {"a.txt": b"hello"})
+        phone["#begin-problem"].wait_for()
+
+
 def is_within(visit: Visit) -> bool:
     """Whether the page is no wider than the window."""
     return bool(visit.page.evaluate("document.documentElement.scrollWidth <= innerWidth"))

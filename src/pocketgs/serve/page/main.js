@@ -19,7 +19,9 @@ const SECONDS_BETWEEN_LOOKS = 1;
 /** @type {Map<string, Upload>} by the captures' ids */
 const uploads = new Map();
 const list = new CaptureList((action, capture) => attempt(() => act(action, capture)));
+/** What the computer has and takes. Files can be chosen once it is known. */
 let shelf = null;
+const beginButtons = document.querySelectorAll("#choices button");
 
 async function look() {
     if (document.visibilityState === "visible") {
@@ -36,6 +38,7 @@ async function refresh() {
         document.getElementById("connection").hidden = false;
         throw error;
     }
+    beginButtons.forEach((button) => (button.disabled = false));
     list.show(shelf.captures, (id) => uploads.has(id), uploads.size > 0);
     showTrash(shelf.deleted, (id) => attempt(() => tell(`captures/${id}/restore`)));
 }
@@ -105,8 +108,8 @@ async function upload(id, files) {
     }
 }
 
-for (const button of document.querySelectorAll("#choices button")) {
-    button.addEventListener("click", () => shelf && attempt(() => begin(button.dataset.kind)));
+for (const button of beginButtons) {
+    button.addEventListener("click", () => attempt(() => begin(button.dataset.kind)));
 }
 document.getElementById("empty-trash").addEventListener("click", () => attempt(() => tell("trash/empty")));
 document.addEventListener("visibilitychange", () => refresh().catch(() => {}));
