@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from pocketgs.capture.decoding.video_file import VideoFrame
-from pocketgs.files.paths import CaptureFile
+from pocketgs.files.opening import CaptureFile
 from pocketgs.geometry.camera import Camera
 from pocketgs.geometry.lens import PINHOLE, Lens
 from pocketgs.scene.background import BLACK, Background

@@ -21,8 +21,7 @@ from pocketgs.capture.listing import FrameSource
 from pocketgs.capture.masks import OutsideMasks
 from pocketgs.capture.undistortion import forget_undistortions
 from pocketgs.errors import PocketGSError
-from pocketgs.files.opening import reading_inside
-from pocketgs.files.paths import CaptureFile
+from pocketgs.files.opening import CaptureFile, reading_inside
 from pocketgs.geometry.camera import Camera
 from pocketgs.scene.background import BLACK, Background
 from pocketgs.system.cores import usable_cores

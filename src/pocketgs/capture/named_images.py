@@ -11,6 +11,7 @@ from functools import cache
 from pathlib import Path, PureWindowsPath
 
 from pocketgs.errors import PocketGSError
+from pocketgs.files.opening import boundary_around
 from pocketgs.files.paths import existing_file, inside, is_folder_of_photographs, is_image, list_images, relative_name
 
 DEEPEST = 4
@@ -31,10 +32,11 @@ def find_images(
 
     If no stated path exists (see `find_stated`), each image is searched by name in the whole capture, or else by its
     name with another suffix: captures get moved, images get converted, and many tools write paths of the machine that
-    they ran on. If some stated paths exist, the others are missing.
+    they ran on, or of the folder that they ran in: if the capture has none of them, a folder around it is searched that
+    is being read. If some stated paths exist, the others are missing.
 
     Args:
-        folder: the capture's, inside which files must lie.
+        folder: the capture's; files must lie in it, or in a folder around it that is being read.
         named: stated paths, relative to it.
         where: the file that states them, for messages.
         suffixes: to try at the end of each.
@@ -54,7 +56,10 @@ def find_images(
         files, refusal = [], error
     if any(files):
         return files, ()
-    files = _by_name_alone(images_below(folder, leave_out), named, suffixes)
+    for place in dict.fromkeys((folder, boundary_around(folder))):
+        files = _by_name_alone(images_below(place, leave_out), named, suffixes)
+        if any(files):
+            break
     found = [(name, file) for name, file in zip(named, files, strict=True) if file is not None]
     moved = found and all(PureWindowsPath(name).root for name in named)
     if refusal and not moved and len(found) < len(named):

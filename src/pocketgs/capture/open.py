@@ -114,7 +114,7 @@ def read_listing(path: Path, images: str | None = None) -> Listing:
     """
     try:
         place = located(path)
-        with reading_inside(folder_of(place)):
+        with reading_inside(folder_of(path)):
             listing = _reader_for(place).read(place, _relative(images, folder_of(place)))
     except OSError as error:  # such as a folder without permission
         raise PocketGSError(f"{path}: cannot be read ({error})") from error

@@ -10,7 +10,7 @@ import numpy as np
 
 from pocketgs.capture.decoding.image_file import read_grey
 from pocketgs.errors import PocketGSError
-from pocketgs.files.paths import CaptureFile
+from pocketgs.files.opening import CaptureFile
 
 REDUCED_SIDE = 640
 """Longer side at which sharpness is measured: small enough to average out sensor noise, large enough to show motion

@@ -12,13 +12,13 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO, cast
+from typing import BinaryIO, TypeAlias, cast
 
 from pocketgs.errors import PocketGSError
 from pocketgs.files.memory_bound import require_memory
 
-if TYPE_CHECKING:
-    from pocketgs.files.paths import CaptureFile
+CaptureFile: TypeAlias = Path | zipfile.Path
+"""A file of a capture, on disk or inside an archive that is read without unpacking."""
 
 _folder: ContextVar[Path | None] = ContextVar("folder", default=None)
 
@@ -38,6 +38,11 @@ def reading_inside(folder: Path | None) -> Iterator[None]:
         yield
     finally:
         _folder.reset(before)
+
+
+def boundary_around(folder: Path) -> Path:
+    """The folder that is being read if it is around this one, as this one's path spells it, or else this one."""
+    return next((around for around in (folder, *folder.parents) if around.resolve() == _folder.get()), folder)
 
 
 def checked(path: Path) -> Path:

@@ -4,15 +4,11 @@ from __future__ import annotations
 
 import os
 import re
-import zipfile
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TypeAlias
 
 from pocketgs.errors import PocketGSError, short
-
-CaptureFile: TypeAlias = Path | zipfile.Path
-"""A file of a capture, on disk or inside an archive that is read without unpacking."""
+from pocketgs.files.opening import boundary_around
 
 IMAGE_SUFFIXES = frozenset(
     {".png", ".jpg", ".jpeg", ".jpe", ".jfif", ".mpo", ".heic", ".heif", ".tif", ".tiff", ".webp", ".bmp"}
@@ -36,7 +32,8 @@ _HERE = re.compile(r"(\./)+(?=[^/])")
 def inside(folder: Path, name: str, named_in: str) -> Path:
     """The path of `name` inside `folder`, whether or not it exists.
 
-    A capture is often downloaded, so the files that it names must not reach the rest of the disk.
+    A capture is often downloaded, so the files that it names must not reach the rest of the disk. They may lie beside
+    the folder if a folder around it is being read: `calibration/transforms.json` may name `../photos/1.jpg`.
 
     Args:
         folder: the capture's folder.
@@ -44,20 +41,21 @@ def inside(folder: Path, name: str, named_in: str) -> Path:
         named_in: the file that states it, for error messages.
 
     Raises:
-        PocketGSError: the path is absolute, or leaves the folder by `..` or a symbolic link.
+        PocketGSError: the path is absolute, or leaves the folder that is being read by `..` or a symbolic link.
     """
     try:
+        boundary = boundary_around(folder)
         path = Path(os.path.normpath(folder / name))
-        stays = not Path(name).is_absolute() and path.resolve().is_relative_to(folder.resolve())
+        stays = not Path(name).is_absolute() and path.resolve().is_relative_to(boundary.resolve())
     except (OSError, ValueError, RuntimeError) as error:
         reason = getattr(error, "strerror", None) or short(str(error))
         raise PocketGSError(
             f"{named_in}: names the file {short(name)}, which is not a usable path ({reason})"
         ) from error
     if not stays:
-        raise PocketGSError(
-            f"{named_in}: names the file {short(name)}, which lies outside the capture's folder {folder}"
-        )
+        elsewhere = f"{named_in}: names the file {short(name)}, which lies outside the capture's folder {boundary}"
+        both = "" if Path(name).is_absolute() else "; if it is part of the capture, give a folder that holds both"
+        raise PocketGSError(elsewhere + both)
     return path
 
 

@@ -11,8 +11,7 @@ from pocketgs.capture.decoding.image_file import read_array, read_numbers
 from pocketgs.capture.decoding.lzfse import read_compressed
 from pocketgs.errors import PocketGSError
 from pocketgs.files.memory_bound import require_memory
-from pocketgs.files.opening import checked
-from pocketgs.files.paths import CaptureFile
+from pocketgs.files.opening import CaptureFile, checked
 
 MAX_SIDE = 16_384
 

@@ -15,8 +15,7 @@ from PIL import ExifTags, Image, ImageOps
 from pocketgs.capture.decoding.colour_profile import in_srgb
 from pocketgs.errors import PocketGSError, clipped
 from pocketgs.files.memory_bound import require_memory
-from pocketgs.files.opening import checked, open_file
-from pocketgs.files.paths import CaptureFile
+from pocketgs.files.opening import CaptureFile, checked, open_file
 
 Result = TypeVar("Result")
 

@@ -8,8 +8,7 @@ import lzfse
 
 from pocketgs.errors import PocketGSError, clipped
 from pocketgs.files.memory_bound import require_memory
-from pocketgs.files.opening import read_bytes
-from pocketgs.files.paths import CaptureFile
+from pocketgs.files.opening import CaptureFile, read_bytes
 
 MAX_MATCH = 2359
 """Most bytes that one match of an LZFSE block copies: the largest of its 20 length symbols, 312, and 11 bits beyond."""

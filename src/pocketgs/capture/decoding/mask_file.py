@@ -6,7 +6,7 @@ import numpy as np
 from PIL import Image, ImageOps
 
 from pocketgs.capture.decoding.image_file import SIXTEEN_BIT_MODES, high_bytes, read_image
-from pocketgs.files.paths import CaptureFile
+from pocketgs.files.opening import CaptureFile
 
 HALF = 127
 

@@ -17,8 +17,8 @@ from pocketgs.capture.poses import camera_at, rotation_from_quaternion, world_to
 from pocketgs.capture.sharpness import sharpest_photographs, thinning_warning
 from pocketgs.errors import PocketGSError, clipped
 from pocketgs.files.json_fields import Fields, parse_json
-from pocketgs.files.opening import read_bytes
-from pocketgs.files.paths import CaptureFile, existing_file, without_here
+from pocketgs.files.opening import CaptureFile, read_bytes
+from pocketgs.files.paths import existing_file, without_here
 
 FORMAT = "record3d"
 LOOKED_FOR = "a .r3d file, or metadata and rgbd/, or metadata.json and rgb/ with poses"
