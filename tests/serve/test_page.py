@@ -58,6 +58,61 @@ def test_a_button_waits_until_the_computer_answers(browser: Browser, serve: Call
         phone["#begin-problem"].wait_for()
 
 
+@pytest.mark.usefixtures("untrained")
+def test_the_page_refuses_what_the_computer_would(browser: Browser, serve: Callable[..., Phone]) -> None:
+    """In the same words, and before a title is chosen."""
+    server, photographs = serve(max_bytes=2_000_000), {f"{number}.jpg": b"a" for number in range(3)}
+    choices: list[dict[str, bytes]] = [
+        {**photographs, "walk.mov": b"a"},
+        {"walk.mov": b"a", "back.mov": b"a"},
+        {**photographs, "empty.jpg": b""},
+        {"empty.mov": b""},
+        {"jpg": b"a"},
+        {"0.jpg": b"a", "1.jpg": b"a"},
+        {f"{number}.jpg": b"a" for number in range(2001)},
+        {"walk.mov": bytes(3_000_000)},
+    ]
+    with visiting(browser, server.url, *PHONE) as phone:
+        for files in choices:
+            choose(phone, "[data-kind=photographs]", files)
+            expect(phone["#begin-problem"]).to_have_text(server.begin(files).json["error"])
+            expect(phone["#begin-upload"]).to_be_disabled()
+            phone["#begin [data-close]"].click()
+
+
+@pytest.mark.usefixtures("untrained")
+def test_a_refusal_leaves_the_files_chosen(
+    browser: Browser, serve: Callable[..., Phone], photographs: dict[str, bytes]
+) -> None:
+    full = "the computer's disk is full"
+    with visiting(browser, serve().url, *PHONE) as phone:
+        phone.page.route("**/captures", lambda route: route.fulfill(status=507, json={"error": full}))
+        choose(phone, "[data-kind=photographs]", photographs)
+        phone["#begin-name"].fill("  Toys ")
+        phone["#begin-effort input[value=best]"].check(force=True)
+        phone["#begin-upload"].click()
+        expect(phone["#begin-problem"]).to_have_text(full)
+        expect(phone["#begin-name"]).to_have_value("Toys")
+        phone.page.unroute("**/captures")
+        phone["#begin-upload"].click()
+        expect(phone[".capture bdi"]).to_have_text("Toys")
+        phone["[data-state=queued]"].wait_for(timeout=PATIENCE)
+
+
+@pytest.mark.usefixtures("untrained")
+def test_titles_that_the_computer_takes(browser: Browser, serve: Callable[..., Phone]) -> None:
+    """Spaces alone are none; of a long name, no half of a character is taken."""
+    with visiting(browser, serve().url, *PHONE) as phone:
+        choose(phone, "[data-kind=video]", {f"x{60 * '😀'}.mov": b"no video"})
+        expect(phone["#begin-name"]).to_have_value("x" + 49 * "😀")
+        phone["#begin-name"].fill("   ")
+        phone["#begin-upload"].click()
+        expect(phone["#begin-name:invalid"]).to_be_focused()
+        phone["#begin-name"].fill("x" + 49 * "😀")
+        phone["#begin-upload"].click()
+        expect(phone[".capture bdi"]).to_have_text("x" + 49 * "😀")
+
+
 def is_within(visit: Visit) -> bool:
     """Whether the page is no wider than the window."""
     return bool(visit.page.evaluate("document.documentElement.scrollWidth <= innerWidth"))
@@ -111,7 +166,7 @@ def test_what_a_page_can_do(browser: Browser, serve: Callable[..., Phone], photo
     url = serve().url
     with visiting(browser, url, *PHONE) as phone:
         choose(phone, "[data-kind=photographs]", {"a.txt": b"hello"})
-        assert phone["#begin-problem"].text_content() == "a.txt is no photograph, video or zip file."
+        assert phone["#begin-problem"].text_content() == "a.txt is no photograph, video or zip file"
         assert phone["#begin-upload"].is_disabled()
         phone["#begin [data-close]"].click()
         choose(phone, "[data-kind=photographs]", photographs)

@@ -16,9 +16,10 @@ from urllib.parse import urlencode
 
 import psutil
 import pytest
+from aiohttp import ClientConnectionError
 
-from pocketgs.serve import child
-from pocketgs.serve.child import LEFT_ALONE
+from pocketgs.serve import child, training
+from pocketgs.serve.child import ORPHANED
 from pocketgs.serve.entry import Entry, State, UploadedFile, read_entry
 from pocketgs.serve.server import ServeOptions, serving_folder
 from pocketgs.serve.shelf import Shelf, new_id
@@ -199,6 +200,30 @@ def test_deleting_what_trains(folder: Path, zipped: bytes) -> None:
         assert fetch(phone.url, "shelf.json").status == 200
 
 
+@pytest.mark.parametrize("has_ended", [False, True])
+def test_stopping_a_run_that_does_not_answer(
+    serve: Callable[..., Phone], zipped: bytes, monkeypatch: pytest.MonkeyPatch, has_ended: bool
+) -> None:
+    """Nobody is told that it is stopped and kept. One that has just ended by itself need not be stopped any more."""
+
+    async def obey(run: Training, _: str) -> None:
+        if has_ended:
+            psutil.Process(run.process).kill()
+        raise ClientConnectionError
+
+    phone = serve()
+    identity = phone.upload({"toys.zip": zipped}, effort="best")
+    phone.until(identity, is_training)
+    monkeypatch.setattr(training, "SECONDS_TO_END", 5.0 if has_ended else 0.1)
+    monkeypatch.setattr(Training, "obey", obey)
+    answer = phone.tell(f"captures/{identity}/stop")
+    expected = (200, {}) if has_ended else (503, {"error": "the run does not answer: try again"})
+    assert (answer.status, answer.json) == expected
+    for process in working_at(identity):
+        process.kill()
+    phone.until(identity, "failed")
+
+
 def test_a_log_that_cannot_be_written(folder: Path, serve: Callable[..., Phone], zipped: bytes) -> None:
     """The run needs none."""
     phone = serve()
@@ -289,8 +314,8 @@ def test_a_server_that_is_killed_while_it_checks(folder: Path) -> None:
 
 def test_a_server_that_is_killed_before_its_check_begins() -> None:
     gone = 2**22 + 1
-    program = f"import time; from pocketgs.serve.child import end_with; end_with({gone}); time.sleep(600)"
-    assert subprocess.run([sys.executable, "-c", program], timeout=60, check=False).returncode == LEFT_ALONE
+    program = f"import time; from pocketgs.serve.child import exit_when_gone; exit_when_gone({gone}); time.sleep(600)"
+    assert subprocess.run([sys.executable, "-c", program], timeout=60, check=False).returncode == ORPHANED
 
 
 @pytest.mark.usefixtures("untrained")

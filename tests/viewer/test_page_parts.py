@@ -477,3 +477,15 @@ THROTTLE = """async () => {
 def test_pace_lets_a_while_go_by_and_passes_on_the_newest(page: Page) -> None:
     """One call for everything given meanwhile, and another for what is given later."""
     assert page.evaluate(THROTTLE) == ["asked", "called", [3, -3], "asked", "called", [4, -4]]
+
+
+def test_a_closed_socket_takes_no_command(page: Page) -> None:
+    script = """async () => {
+        const { followBySocket } = await import(new URL("page/live/socket.js", document.baseURI));
+        const [onOpen, onMessage, onScene] = [() => {}, () => {}, () => {}];
+        return new Promise((resolve) => {
+            const { send } = followBySocket({ onOpen, onMessage, onScene, onClose: () => resolve(send) });
+        }).then((send) => send("stop"));
+    }"""
+    with pytest.raises(Error, match="no connection to the computer"):
+        page.evaluate(script)

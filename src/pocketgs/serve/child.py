@@ -22,10 +22,10 @@ GRACE = 20.0
 
 SECONDS_BETWEEN_LOOKS = 0.05
 SECONDS_TO_NOTICE = 0.5
-"""How long a process goes on at most after the one that it ends with, see `end_with`."""
+"""How long a process goes on at most after the one that it watches has ended, see `exit_when_gone`."""
 
-LEFT_ALONE = 3
-"""Exit status of a process that has ended for want of the one that it ends with."""
+ORPHANED = 3
+"""Exit status of a process whose watched process has ended."""
 
 
 async def start(arguments: Sequence[str], folder: Path) -> asyncio.subprocess.Process:
@@ -71,8 +71,8 @@ def end(number: int, argument: str, grace: float = GRACE) -> None:
             _ends_within(found, GRACE)
 
 
-def end_with(number: int) -> None:
-    """End this process, without any cleanup, soon after another one has ended, even if that was killed.
+def exit_when_gone(number: int) -> None:
+    """Exit, without any cleanup, soon after another process has ended, even if that was killed.
 
     The other is watched, since not every system tells a process that its parent is gone. Reading standard input until
     it closes would tell, but on Windows, libraries that are loaded meanwhile may wait for the end of that read.
@@ -87,8 +87,8 @@ def end_with(number: int) -> None:
     try:
         other = psutil.Process(number)
     except psutil.NoSuchProcess:
-        os._exit(LEFT_ALONE)
-    threading.Thread(target=_end_after, args=(other,), daemon=True).start()
+        os._exit(ORPHANED)
+    threading.Thread(target=_exit_after, args=(other,), daemon=True).start()
 
 
 def _ends_within(process: psutil.Process, seconds: float) -> bool:
@@ -101,10 +101,10 @@ def _ends_within(process: psutil.Process, seconds: float) -> bool:
     return True
 
 
-def _end_after(other: psutil.Process) -> None:
+def _exit_after(other: psutil.Process) -> None:
     while _goes_on(other):
         time.sleep(SECONDS_TO_NOTICE)
-    os._exit(LEFT_ALONE)
+    os._exit(ORPHANED)
 
 
 def _goes_on(process: psutil.Process) -> bool:

@@ -16,7 +16,7 @@ from pocketgs.capture.open import lacks_poses, read_listing, video_of
 from pocketgs.capture.unposed import find_photographs, is_video
 from pocketgs.errors import USER_ERROR, PocketGSError
 from pocketgs.serve.archive import unpack
-from pocketgs.serve.child import end_with
+from pocketgs.serve.child import exit_when_gone
 from pocketgs.serve.entry import Entry, read_entry
 from pocketgs.serve.shelf import ABOUT, CAPTURE, THUMBNAIL, UPLOAD, input_of
 from pocketgs.serve.thumbnail import write_thumbnail
@@ -29,7 +29,7 @@ def main() -> None:
     the check ends: the next one checks again, in the same folder.
     """
     folder, max_bytes, server = Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3])
-    end_with(server)
+    exit_when_gone(server)
     try:
         check(folder, read_entry(folder / ABOUT), max_bytes)
     except (PocketGSError, OSError) as error:

@@ -16,15 +16,15 @@ from pocketgs.scene.formats import read_scene
 from pocketgs.serve import relay
 from pocketgs.serve.queue import Queue
 from pocketgs.serve.shelf import RESULT, Shelf
-from pocketgs.serve.training import Training
+from pocketgs.serve.training import SECONDS_TO_END, Training
 from pocketgs.viewer.content import Content
 from pocketgs.viewer.responses import Handler, is_from_own_page, refused, send_json
 from pocketgs.viewer.routes import page_handlers, scene_handlers
 from pocketgs.viewer.scene_content import scene_content
 
 SHOWN_AT_ONCE = 8
-SECONDS_TO_END, SECONDS_BETWEEN_LOOKS = 10.0, 0.1
-"""How long a run may take to end after it has closed its page, and how often that is looked at."""
+SECONDS_BETWEEN_LOOKS = 0.1
+"""Between looks whether a run that has closed its page has ended."""
 
 
 class Pages:

@@ -78,14 +78,18 @@ class Queue:
 
         Raises:
             PocketGSError: as `enqueue`.
+            RefusedError: as `Training.keep`.
         """
         run = self.running(entry.id)
         if run is None:
             if entry.state == "queued":
                 self._shelf.change(replace(entry, state="stopped", anew=""))
             return
-        run.is_unwanted = True
-        await (run.keep() if run.progress.get("iteration") else self._end(entry.id, run, child.GRACE))
+        if run.progress.get("iteration"):
+            await run.keep()
+        else:
+            run.is_unwanted = True
+            await self._end(entry.id, run, child.GRACE)
 
     @asynccontextmanager
     async def held(self, entry: Entry) -> AsyncIterator[None]:

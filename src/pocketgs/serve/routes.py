@@ -46,7 +46,10 @@ from pocketgs.viewer.responses import (
 from pocketgs.viewer.routes import page_file
 
 PAGE = Path(__file__).parent / "page"
-WAKE_LOCK = Path(pocketgs.site.__file__).parent / "page" / "controls" / "wake_lock.js"
+CONTROLS = Path(pocketgs.site.__file__).parent / "page" / "controls"
+SHARED = (CONTROLS / "focus.js", CONTROLS / "wake_lock.js")
+"""Of the static site's page, the modules that this one uses."""
+
 SECONDS_TO_SEND = 120.0
 """How long the body of a request may take to arrive."""
 
@@ -138,7 +141,7 @@ class _Routes:
         return await send_file(request, PAGE / "index.html")
 
     async def page_file(self, request: web.Request) -> web.StreamResponse:
-        return await send_named(request, {path.name: path for path in (*PAGE.iterdir(), WAKE_LOCK)})
+        return await send_named(request, {path.name: path for path in (*PAGE.iterdir(), *SHARED)})
 
     async def shelf(self, _: web.Request) -> web.StreamResponse:
         captures = []

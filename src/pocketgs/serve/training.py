@@ -13,12 +13,15 @@ from typing import Any, BinaryIO
 from aiohttp import ClientError, ClientSession, ClientTimeout, ClientWebSocketResponse
 
 from pocketgs.serve import child
+from pocketgs.serve.refused import RefusedError
 from pocketgs.viewer.commands import command_message
 from pocketgs.viewer.live import Command
 
 ADDRESS = re.compile(r"page at (http://127\.0\.0\.1:\d+/[\w-]+/)")
 SECONDS_BETWEEN_LOOKS = 1.0
 ANSWER = ClientTimeout(total=10.0)
+SECONDS_TO_END = 10.0
+"""How long a run may take to end after it has closed its page."""
 
 
 class Training:
@@ -74,16 +77,31 @@ class Training:
             looking.cancel()
 
     async def keep(self) -> None:
-        """Stop the run after its current step, as Ctrl-C does; it keeps what was trained."""
-        with suppress(ClientError, OSError, asyncio.TimeoutError):
+        """Stop the run after its current step, as Ctrl-C does; it keeps what was trained.
+
+        Raises:
+            RefusedError: it goes on, and does not answer.
+        """
+        try:
             await self.obey("stop")
+        except (ClientError, OSError, asyncio.TimeoutError) as error:
+            if not await self.ends_within(SECONDS_TO_END):
+                raise RefusedError(503, "the run does not answer: try again") from error
+        else:
+            self.is_unwanted = True
 
     async def end(self, grace: float = child.GRACE) -> None:
         """End the run: as Ctrl-C does, or, after so many seconds, by force."""
         if self._child and self._child.returncode is None:
             await asyncio.to_thread(child.end, self._child.pid, str(self._result), grace)
-            with suppress(asyncio.TimeoutError):
-                await asyncio.wait_for(self._child.wait(), child.GRACE)
+            await self.ends_within(child.GRACE)
+
+    async def ends_within(self, seconds: float) -> bool:
+        """Whether the process of the run ends in time."""
+        assert self._child
+        with suppress(asyncio.TimeoutError):
+            await asyncio.wait_for(self._child.wait(), seconds)
+        return self._child.returncode is not None
 
     async def follow(self) -> ClientWebSocketResponse[Any]:
         """Open a WebSocket to the run's page.

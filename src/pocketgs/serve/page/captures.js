@@ -4,12 +4,14 @@
  * @module
  */
 
+import { element } from "../page/element.js";
+import { keepFocusIn } from "./focus.js";
 import { shareOf, stateOf } from "./words.js";
 
 /** Shows captures, and says what is asked of them. */
 export class CaptureList {
-    #list = document.getElementById("captures");
-    #template = document.getElementById("capture");
+    #list = element("captures");
+    #template = element("capture");
     #items = new Map();
     #onAction;
 
@@ -28,47 +30,41 @@ export class CaptureList {
         const known = new Set(captures.map(({ id }) => id));
         for (const [id, item] of this.#items) {
             if (!known.has(id)) {
-                item.element.remove();
+                item.card.remove();
                 this.#items.delete(id);
             }
         }
         captures.forEach((capture, index) => {
             const item = this.#items.get(capture.id) ?? this.#add(capture.id);
             item.capture = capture;
-            update(item.element, capture, isHere(capture.id), stays);
-            if (this.#list.children[index] !== item.element) {
-                this.#list.insertBefore(item.element, this.#list.children[index] ?? null);
+            update(item.card, capture, isHere(capture.id), stays);
+            if (this.#list.children[index] !== item.card) {
+                this.#list.insertBefore(item.card, this.#list.children[index] ?? null);
             }
         });
         if (focused >= 0) {
-            keepFocus(this.#list.children[Math.min(focused, captures.length - 1)]);
+            const card = this.#list.children[Math.min(focused, captures.length - 1)];
+            // The menu's button, which does nothing by itself.
+            keepFocusIn(card ?? element("choices"), card ? ".more" : "button");
         }
     }
 
     #add(id) {
-        const element = this.#template.content.firstElementChild.cloneNode(true);
-        const item = { element, capture: null };
-        element.dataset.id = id;
-        const act = element.querySelector(".act");
+        const card = this.#template.content.firstElementChild.cloneNode(true);
+        const item = { card, capture: null };
+        card.dataset.id = id;
+        const act = card.querySelector(".act");
         act.addEventListener("click", () => this.#onAction(act.dataset.action, item.capture));
-        element.querySelector(".more").addEventListener("click", () => this.#onAction("menu", item.capture));
+        card.querySelector(".more").addEventListener("click", () => this.#onAction("menu", item.capture));
         this.#items.set(id, item);
         return item;
     }
 }
 
-/** Those who use the keyboard or a screen reader would lose their place when what had the focus is gone or hidden. */
-function keepFocus(item) {
-    const holder = document.activeElement;
-    if (holder === document.body || !holder.checkVisibility()) {
-        (item?.querySelector(".more") ?? document.querySelector("#choices button")).focus();
-    }
-}
-
-function update(element, capture, isHere, stays) {
-    const part = (selector) => element.querySelector(selector);
+function update(card, capture, isHere, stays) {
+    const part = (selector) => card.querySelector(selector);
     const { id, kind, state, title, message, thumbnail } = capture;
-    element.dataset.state = state;
+    card.dataset.state = state;
     setText(part("bdi"), title);
     setText(part(".state"), stateOf(capture, isHere));
     setText(part(".message"), message);
@@ -78,7 +74,7 @@ function update(element, capture, isHere, stays) {
     setAttribute(part("img"), "src", picture);
     setAttribute(part(".picture use"), "href", `#icon-${kind}`);
     const isOpen = capture.live || (capture.result !== null && state !== "training");
-    for (const link of element.querySelectorAll("a")) {
+    for (const link of card.querySelectorAll("a")) {
         setAttribute(link, "href", isOpen ? `captures/${id}/view/` : null);
         setAttribute(link, "target", stays ? "_blank" : null);
     }
@@ -115,16 +111,16 @@ function showShare(progress, share) {
     setAttribute(progress, "value", typeof share === "number" ? String(share) : null);
 }
 
-function setText(element, text) {
-    if (element.textContent !== text) {
-        element.textContent = text;
+function setText(part, text) {
+    if (part.textContent !== text) {
+        part.textContent = text;
     }
 }
 
-function setAttribute(element, name, value) {
+function setAttribute(part, name, value) {
     if (value === null) {
-        element.removeAttribute(name);
-    } else if (element.getAttribute(name) !== value) {
-        element.setAttribute(name, value);
+        part.removeAttribute(name);
+    } else if (part.getAttribute(name) !== value) {
+        part.setAttribute(name, value);
     }
 }

@@ -12,29 +12,45 @@ for (const button of document.querySelectorAll("[data-close]")) {
     button.addEventListener("click", () => button.closest("dialog").close());
 }
 
+// A title of nothing but spaces is missing, which the browser says by itself.
+for (const field of document.querySelectorAll("dialog .field")) {
+    field.addEventListener("change", () => (field.value = field.value.trim()));
+}
+
 /**
- * Ask for the title and the effort of a new capture.
+ * Ask for the title and the effort of a new capture, until the server takes it or the user cancels. The files stay
+ * chosen meanwhile.
  *
+ * @template Begun
  * @param {File[]} files
  * @param {string} problem why these files cannot be uploaded, or ""
  * @param {{ efforts: string[], effort: string, bounds: Object }} shelf
- * @returns {Promise<{ title: string, effort: string } | null>} null if the user cancels
+ * @param {(chosen: { title: string, effort: string }) => Promise<Begun>} begin asks the server
+ * @returns {Promise<Begun | null>} null if the user cancels
  */
-export async function askForNew(files, problem, { efforts, effort, bounds }) {
+export async function askForNew(files, problem, { efforts, effort, bounds }, begin) {
     const total = files.reduce((sum, file) => sum + file.size, 0);
     const what = files.length === 1 ? files[0].name : `${files.length} photos`;
     element("begin-title").textContent = `${what}, ${sizeOf(total)}`;
-    element("begin-problem").textContent = problem;
-    element("begin-problem").hidden = problem === "";
+    showProblem(problem);
     element("begin-upload").disabled = problem !== "";
     element("begin-name").maxLength = bounds.title;
-    element("begin-name").value = titleFor(files).slice(0, bounds.title);
+    element("begin-name").value = titleFor(files, bounds.title);
     element("begin-effort").replaceChildren(...efforts.map((each) => choice(each, each === effort)));
-    if (!(await confirmed("begin"))) {
-        return null;
+    while (await confirmed("begin")) {
+        const chosen = element("begin-effort").querySelector(":checked").value;
+        try {
+            return await begin({ title: element("begin-name").value, effort: chosen });
+        } catch ({ message }) {
+            showProblem(message);
+        }
     }
-    const chosen = element("begin-effort").querySelector(":checked").value;
-    return { title: element("begin-name").value, effort: chosen };
+    return null;
+}
+
+function showProblem(text) {
+    element("begin-problem").textContent = text;
+    element("begin-problem").hidden = text === "";
 }
 
 /** Ask for another title. @returns {Promise<string | null>} */
@@ -83,9 +99,11 @@ function confirmed(id) {
     return new Promise((resolve) => dialog.addEventListener("close", () => resolve(submitted), { once: true }));
 }
 
-function titleFor(files) {
+/** Fields, and so `most`, count UTF-16's units: what is cut may be half a character, which is left out. */
+function titleFor(files, most) {
     if (files.length === 1) {
-        return files[0].name.replace(/\.[^.]*$/, "") || files[0].name;
+        const title = files[0].name.replace(/\.[^.]*$/, "") || files[0].name;
+        return title.slice(0, most).replace(/\p{Surrogate}/gu, "").trim();
     }
     return new Date().toLocaleString("en-GB", { day: "numeric", month: "long", hour: "2-digit", minute: "2-digit" });
 }

@@ -4,7 +4,7 @@
  * @module
  */
 
-import { sizeOf } from "../page/size_text.js";
+import { element } from "../page/element.js";
 
 /** For phones, which offer the camera and the library for these. */
 const KINDS = { photographs: "image/*", video: "video/*" };
@@ -20,7 +20,7 @@ const offered = (kind, suffixes) => (kind in KINDS ? [KINDS[kind], ...suffixes[k
  * @returns {Promise<File[]>} empty if none was chosen
  */
 export function choose(kind, suffixes) {
-    const input = document.getElementById("files");
+    const input = element("files");
     input.accept = offered(kind, suffixes);
     input.multiple = kind === "photographs";
     input.value = "";
@@ -32,26 +32,37 @@ export function choose(kind, suffixes) {
 }
 
 /**
- * Why files cannot be uploaded, or "". The server checks it too.
+ * Why files cannot be uploaded, or "". The server would say the same, but only once they have a title.
  *
  * @param {File[]} files
  * @param {{ suffixes: Object<string, string[]>, bounds: Object }} shelf
+ * @returns {string}
  */
 export function problemWith(files, { suffixes, bounds }) {
-    const hasOneOf = ({ name }, some) => some.some((suffix) => name.toLowerCase().endsWith(suffix));
-    const known = Object.values(suffixes).flat();
-    const other = files.find((file) => !hasOneOf(file, known));
-    if (other) {
-        return `${other.name} is no photograph, video or zip file.`;
-    }
-    const total = files.reduce((sum, { size }) => sum + size, 0);
-    if (total > bounds.bytes) {
-        return `The computer takes at most ${sizeOf(bounds.bytes)} at once.`;
-    }
     const [fewest, most] = bounds.photographs;
-    const arePhotographs = files.every((file) => hasOneOf(file, suffixes.photographs));
-    if (arePhotographs && files.length < fewest) {
-        return `At least ${fewest} photos are needed; 30 or more are better.`;
+    const kindOf = ({ name }) => Object.keys(suffixes).find((kind) => suffixes[kind].includes(suffixOf(name)));
+    const kinds = new Set(files.map(kindOf));
+    const empty = files.find(({ size }) => size === 0);
+    const other = files.find((file) => !kindOf(file));
+    const total = files.reduce((sum, { size }) => sum + size, 0);
+    if (files.length > most) {
+        return `${grouped(files.length)} files, expected at most ${grouped(most)}`;
     }
-    return files.length > most ? `The computer takes at most ${most} photos at once.` : "";
+    if (empty) {
+        return `${empty.name} is empty`;
+    }
+    if (other) {
+        return `${other.name} is no photograph, video or zip file`;
+    }
+    if (kinds.size > 1 || (files.length > 1 && !kinds.has("photographs"))) {
+        return "expected photographs, or one video, or one zip file";
+    }
+    if (files.length < fewest && kinds.has("photographs")) {
+        return `expected at least ${fewest} photographs; 30 or more are better`;
+    }
+    return total > bounds.bytes ? `${megabytes(total)} to upload, expected at most ${megabytes(bounds.bytes)}` : "";
 }
+
+const suffixOf = (name) => name.slice(Math.max(0, name.lastIndexOf("."))).toLowerCase();
+const grouped = (number) => number.toLocaleString("en");
+const megabytes = (count) => `${grouped(Math.floor(count / 1e6))} MB`;

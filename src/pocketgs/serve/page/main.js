@@ -5,6 +5,7 @@
  */
 
 import { askBeforeLeaving } from "../page/controls/leaving.js";
+import { element } from "../page/element.js";
 import { CaptureList } from "./captures.js";
 import { askForNew, askForTitle, showMenu } from "./dialogs.js";
 import { choose, problemWith } from "./files.js";
@@ -33,9 +34,9 @@ async function look() {
 async function refresh() {
     try {
         shelf = await ask("shelf.json");
-        document.getElementById("connection").hidden = true;
+        element("connection").hidden = true;
     } catch (error) {
-        document.getElementById("connection").hidden = false;
+        element("connection").hidden = false;
         throw error;
     }
     beginButtons.forEach((button) => (button.disabled = false));
@@ -75,14 +76,16 @@ async function act(action, capture) {
 
 async function begin(kind) {
     const files = await choose(kind, shelf.suffixes);
-    const chosen = files.length > 0 && (await askForNew(files, problemWith(files, shelf), shelf));
-    if (!chosen) {
+    if (files.length === 0) {
         return;
     }
-    hideToast();
     const stated = files.map(({ name, size }) => ({ name, size }));
-    const { id } = await tell("captures", { ...chosen, files: stated });
-    await upload(id, files);
+    const declare = (chosen) => tell("captures", { ...chosen, files: stated });
+    const begun = await askForNew(files, problemWith(files, shelf), shelf, declare);
+    if (begun) {
+        hideToast();
+        await upload(begun.id, files);
+    }
 }
 
 async function goOnUploading(capture) {
@@ -111,7 +114,7 @@ async function upload(id, files) {
 for (const button of beginButtons) {
     button.addEventListener("click", () => attempt(() => begin(button.dataset.kind)));
 }
-document.getElementById("empty-trash").addEventListener("click", () => attempt(() => tell("trash/empty")));
+element("empty-trash").addEventListener("click", () => attempt(() => tell("trash/empty")));
 document.addEventListener("visibilitychange", () => refresh().catch(() => {}));
 askBeforeLeaving(() => uploads.size > 0);
 look();

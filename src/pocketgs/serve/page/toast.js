@@ -4,9 +4,11 @@
  * @module
  */
 
+import { element } from "../page/element.js";
+
 const SECONDS = 10;
-const toast = document.getElementById("toast");
-const undo = document.getElementById("undo");
+const toast = element("toast");
+const undo = element("undo");
 let timer = 0;
 
 /** @type {(text: string, onUndo?: () => void) => void} */

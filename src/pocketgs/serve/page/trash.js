@@ -4,7 +4,9 @@
  * @module
  */
 
-const trash = document.getElementById("trash");
+import { element } from "../page/element.js";
+
+const trash = element("trash");
 let shown = "";
 
 /** @type {(deleted: { id: string, title: string }[], onRestore: (id: string) => void) => void} */

@@ -14,7 +14,8 @@
  * @property {() => void} onClose called once: nothing comes any more
  *
  * @typedef {Object} Connection
- * @property {(command: string) => void | Promise<void>} send throws if the server refuses, or cannot be reached
+ * @property {(command: string) => void | Promise<void>} send throws where there is no connection; by requests,
+ *     also if the server refuses
  */
 
 /**
@@ -31,5 +32,13 @@ export function followBySocket({ onOpen, onMessage, onScene, onClose }) {
         data instanceof ArrayBuffer ? onScene(data) : onMessage(JSON.parse(data)),
     );
     socket.addEventListener("close", onClose);
-    return { send: (type) => socket.send(JSON.stringify({ type })) };
+    return { send: (type) => send(socket, type) };
+}
+
+function send(socket, type) {
+    // A closed socket takes what it is given, and sends nothing.
+    if (socket.readyState !== WebSocket.OPEN) {
+        throw new Error("no connection to the computer");
+    }
+    socket.send(JSON.stringify({ type }));
 }
