@@ -15,7 +15,7 @@ from PIL import Image
 from pocketgs.benchmark.methods import METHODS
 from pocketgs.benchmark.plots import _line_style, curves_svg, memory_svg, stages_svg, write_overview
 from pocketgs.benchmark.results import CellResult
-from pocketgs.benchmark.series import Look, curves, mean_curve, traces
+from pocketgs.benchmark.series import CurvePoint, curves, mean_curve, traces
 from pocketgs.errors import PocketGSError
 
 MakeResult = Callable[..., CellResult]
@@ -35,14 +35,14 @@ def test_looks_without_a_time_or_a_number_are_left_out(made_result: MakeResult) 
         {"iteration": 30, "elapsed": 6.0, "held_out_psnr": None},
         {"iteration": 40, "elapsed": 7.0, "held_out_psnr": 22.0},
     ]
-    assert curves([made_result(progress=progress)], "fern") == {"pocketgs": [[Look(40, 7.0, 22.0)]]}
+    assert curves([made_result(progress=progress)], "fern") == {"pocketgs": [[CurvePoint(40, 7.0, 22.0)]]}
     assert curves([made_result(progress=progress[:3])], "fern") == {}
 
 
 def test_a_mean_curve_is_of_the_looks_that_all_seeds_had() -> None:
-    first = [Look(10, 1.0, 20.0), Look(20, 2.0, 22.0)]
-    second = [Look(20, 4.0, 23.0), Look(30, 5.0, 24.0)]
-    assert mean_curve([first, second]) == [Look(20, 3.0, 22.5)]
+    first = [CurvePoint(10, 1.0, 20.0), CurvePoint(20, 2.0, 22.0)]
+    second = [CurvePoint(20, 4.0, 23.0), CurvePoint(30, 5.0, 24.0)]
+    assert mean_curve([first, second]) == [CurvePoint(20, 3.0, 22.5)]
     assert mean_curve([first]) == first
 
 

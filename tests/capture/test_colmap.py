@@ -212,7 +212,7 @@ def test_camera_models(tmp_path, line, model, coefficients):
         ("cameras", b"\xff\xfe", "UTF-8"),
         ("images", "1 1 0 0 0 nan 0 0 3 view_00.png\n\n", "NaN"),
         ("images", "1 0 0 0 0 0 0 0 3 view_00.png\n\n", "quaternion"),
-        ("images", "1 1 0 0 0 0 0 0 3 ../view_00.png\n\n", "outside"),
+        ("images", "1 1 0 0 0 0 0 0 3 ../../view_00.png\n\n", "outside"),
         ("images", "1 1 0 0 0 0 0 3 view_00.png\n\n", "IMAGE_ID|whole numbers"),
         ("images", "1 1 0 0 0 0 0 0 3 view_00.png\n\n" * 2, "more than once"),
         ("images", "# none\n", "registers no image"),

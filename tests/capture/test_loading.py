@@ -14,8 +14,9 @@ from PIL import Image
 
 from pocketgs.capture.decoding.image_file import read_colour, read_size
 from pocketgs.capture.decoding.mask_file import read_mask
+from pocketgs.capture.frame_parts import composite
 from pocketgs.capture.listing import FrameSource
-from pocketgs.capture.loading import Preparation, composite, load_frame
+from pocketgs.capture.loading import Preparation, load_frame
 from pocketgs.capture.stored_photographs import StoredPhotographs
 from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera

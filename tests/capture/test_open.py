@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -159,3 +160,12 @@ def test_ordinals():
 def test_importing_does_not_start_the_compiler():
     program = "import sys, pocketgs.capture; sys.exit('numba' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0
+
+
+def test_frames_have_names_of_their_own(small_capture):
+    """Poses, masks and points are kept by name."""
+    first = small_capture.train[0]
+    with pytest.raises(PocketGSError, match=f"2 frames are named '{first.name}'"):
+        replace(small_capture, train=[*small_capture.train, first])
+    with pytest.raises(PocketGSError, match="expected a name of its own for each"):
+        replace(small_capture, held_out=[first])

@@ -13,8 +13,9 @@ from PIL import Image
 
 from capture.phone_layouts import write_lossless_video
 from pocketgs.capture import Frame, open_capture
+from pocketgs.capture.frame_parts import reliable_depth
 from pocketgs.capture.listing import FrameSource
-from pocketgs.capture.loading import Preparation, load_frame, reliable_depth
+from pocketgs.capture.loading import Preparation, load_frame
 from pocketgs.capture.open import read_listing
 
 

@@ -40,8 +40,10 @@ def test_noise_on_a_wall_is_no_texture(size: tuple[int, int]) -> None:
 
 
 def test_dark_photographs(small_capture: Capture) -> None:
+    """They have little texture because they are dark: no other remedy is proposed."""
     dark = [replace(frame, image=frame.image // 6) for frame in small_capture.train * 2]
-    assert "photographs are dark" in photograph_hints(dark)[0]
+    (hint,) = photograph_hints([*dark, *frames_of(noise((90, 120, 3), 20, 3), 4)])
+    assert "photographs are dark" in hint
 
 
 def test_masked_pixels_do_not_count(small_capture: Capture) -> None:
@@ -72,9 +74,9 @@ def test_exposure_counts_in_stops() -> None:
 
 def test_hints_say_what_to_do_and_stand_on_the_page() -> None:
     """As they are, but for the numbers; and without a file to look up, which is not installed."""
-    dull = noise((90, 120, 3), 20, 1)
+    dark, dull = noise((90, 120, 3), 20, 1), noise((90, 120, 3), 200, 3)
     hints = (
-        *photograph_hints(frames_of(dull, 4)),
+        *photograph_hints([*frames_of(dark, 2), *frames_of(dull, 2)]),
         *exposure_hint(np.array([[0.5, 1.0, 2.0]])),
         *poses_hint(wrong=9, frames=20),
     )

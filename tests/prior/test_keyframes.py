@@ -16,7 +16,7 @@ from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera, look_at
 from pocketgs.prior import keyframes
 from pocketgs.prior.depth.source_views import LEAST_PARALLAX
-from pocketgs.prior.keyframes import WIDEST_ANGLE, Decision, KeyframeSettings, select_keyframes
+from pocketgs.prior.keyframes import WIDEST_VIEWING_ANGLE, Decision, KeyframeSettings, select_keyframes
 
 DISTANCE = 2.0
 CHECKERBOARD = np.indices((8, 8)).sum(axis=0) % 2
@@ -223,8 +223,8 @@ def test_both_sides_of_a_thing_are_covered() -> None:
         frames.append(replace(frame_at([0.0]), name=str(index), camera=Camera(8, 8, 20.0, 20.0, 4.0, 4.0, pose)))
     chosen = np.array(kept(select(frames)))
     gaps = np.diff(np.append(chosen, chosen[0] + 24)) * 2 * np.pi / 24
-    assert gaps.max() <= 2 * WIDEST_ANGLE + 1e-6
-    assert 2 * (2 * np.pi / (2 * WIDEST_ANGLE)) <= len(chosen) < 20
+    assert gaps.max() <= 2 * WIDEST_VIEWING_ANGLE + 1e-6
+    assert 2 * (2 * np.pi / (2 * WIDEST_VIEWING_ANGLE)) <= len(chosen) < 20
 
 
 def test_masked_parts_need_no_keyframe() -> None:

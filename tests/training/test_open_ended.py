@@ -30,7 +30,7 @@ from pocketgs.training.progress import Progress
 from pocketgs.training.result import Checkpoint
 from pocketgs.training.train import train
 from pocketgs.training.transients import Transients
-from pocketgs.training.validation import Course, Look, mean_psnr, validation_views
+from pocketgs.training.validation import ValidationHistory, ValidationSample, mean_psnr, validation_views
 
 RATES = LearningRates(1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
 
@@ -50,10 +50,10 @@ def psnrs(monkeypatch: pytest.MonkeyPatch) -> list[float]:
 
 
 def pace(
-    seconds: float | None = None, longest: int = 20_000, course: Course | None = None, least: int = 0
+    seconds: float | None = None, longest: int = 20_000, history: ValidationHistory | None = None, least: int = 0
 ) -> OpenEndedPace:
     frames: Any = [None] * 40
-    return OpenEndedPace(least, longest, seconds, RATES, frames, (0.0, 0.0, 0.0), 1000, course)
+    return OpenEndedPace(least, longest, seconds, RATES, frames, (0.0, 0.0, 0.0), 1000, history)
 
 
 def run(found: OpenEndedPace, seconds_per_step: float = 0.0) -> int:
@@ -84,8 +84,8 @@ def test_it_ends_when_two_stages_gain_too_little(psnrs: list[float]) -> None:
     psnrs += [20.0, 21.0, 21.0 + 0.9 * MIN_GAIN, 20.9]
     found = pace()
     assert run(found) == round(1185 * 1.5)
-    assert found.course.decays_from == 1185
-    assert [look.iteration for look in found.course.looks] == [500, 667, 889, 1185]
+    assert found.history.decays_from == 1185
+    assert [sample.iteration for sample in found.history.samples] == [500, 667, 889, 1185]
 
 
 def test_one_worse_stage_does_not_end_it(psnrs: list[float]) -> None:
@@ -128,7 +128,7 @@ def test_a_time_budget_leaves_a_third_for_the_end(psnrs: list[float]) -> None:
     psnrs += [20.0 + i for i in range(20)]
     found = pace(seconds=90.0)
     steps = run(found, seconds_per_step=0.1)
-    assert found.course.decays_from == 600
+    assert found.history.decays_from == 600
     assert steps == 900
     assert found.rates(899, 89.9).means < 0.05 * found.rates(600, 60.0).means
 
@@ -137,7 +137,7 @@ def test_rates_fall_slowly_and_at_last_to_the_end(psnrs: list[float]) -> None:
     found = pace()
     assert found.rates(500, 0.0) == RATES
     assert found.rates(2000, 0.0).means == pytest.approx(0.5)
-    ended = pace(course=Course((), 2000))
+    ended = pace(history=ValidationHistory((), 2000))
     rates = [ended.rates(iteration, 0.0).means for iteration in range(2000, 3000)]
     assert rates[0] == pytest.approx(0.5)
     assert rates[-1] == pytest.approx(0.01, rel=0.01)
@@ -146,7 +146,7 @@ def test_rates_fall_slowly_and_at_last_to_the_end(psnrs: list[float]) -> None:
 
 def test_validation_views_are_trained_on_at_the_end() -> None:
     assert set(pace().views(0)) == set(range(40)) - set(validation_views(40))
-    assert list(pace(course=Course((), 500)).views(600)) == list(range(40))
+    assert list(pace(history=ValidationHistory((), 500)).views(600)) == list(range(40))
 
 
 def test_a_view_that_is_dropped_after_the_listing_leaves_validation_views() -> None:
@@ -160,20 +160,22 @@ def test_a_view_that_is_dropped_after_the_listing_leaves_validation_views() -> N
 def test_a_resumed_run_counts_its_time_from_the_last_look(psnrs: list[float]) -> None:
     """So that the gain per minute is that of training, not of the time since it was resumed."""
     psnrs.append(20.5)
-    found = pace(course=Course((Look(500, 20.0, 100, 90.0),)))
+    found = pace(history=ValidationHistory((ValidationSample(500, 20.0, 100, 90.0),)))
     engine: Any = Seen()
     found.after_step(667, 30.0, engine)
-    assert found.course.looks[-1] == Look(667, 20.5, 100, 120.0)
-    assert found.course.gain_per_minute == pytest.approx(1.0)
+    assert found.history.samples[-1] == ValidationSample(667, 20.5, 100, 120.0)
+    assert found.history.gain_per_minute == pytest.approx(1.0)
 
 
 def test_growth_follows_stages_that_pay() -> None:
-    found = pace(course=Course((Look(500, 20.0, 100, 1.0), Look(667, 21.0, 125, 61.0))))
-    assert found.course.gain_per_minute == pytest.approx(1.0)
+    found = pace(
+        history=ValidationHistory((ValidationSample(500, 20.0, 100, 1.0), ValidationSample(667, 21.0, 125, 61.0)))
+    )
+    assert found.history.gain_per_minute == pytest.approx(1.0)
     assert found.next_growth(668) == found.next_growth(889) == 889
     assert found.target(889, 400) == 500
     assert found.target(889, 900) == 1000
-    assert pace(course=Course((), 889)).next_growth(889) is None
+    assert pace(history=ValidationHistory((), 889)).next_growth(889) is None
 
 
 def test_best_sizes_a_run_by_its_capture() -> None:
@@ -213,29 +215,29 @@ def test_a_whole_run(capture: Capture, tmp_path: Path, monkeypatch: pytest.Monke
 
     def watch(progress: Progress) -> None:
         promised.append(progress.iterations)
-        course = progress.checkpoint().course
-        assert course is not None
+        history = progress.checkpoint().history
+        assert history is not None
         # While it explores, and while rates decay.
-        if progress.iteration == 30 or (len(checkpoints) == 1 and course.decays_from is not None):
+        if progress.iteration == 30 or (len(checkpoints) == 1 and history.decays_from is not None):
             checkpoints.append(progress.checkpoint())
 
     whole = train(capture, options, observer=watch)
-    course = whole.checkpoint.course
-    assert course is not None
-    assert course.decays_from is not None
-    assert [look.iteration for look in course.looks[:3]] == [20, 27, 36]
-    assert course.looks[1].gaussians > course.looks[0].gaussians
+    history = whole.checkpoint.history
+    assert history is not None
+    assert history.decays_from is not None
+    assert [sample.iteration for sample in history.samples[:3]] == [20, 27, 36]
+    assert history.samples[1].gaussians > history.samples[0].gaussians
     assert promised[0] == 30
-    assert promised[-1] == whole.iterations == round(1.5 * course.decays_from)
+    assert promised[-1] == whole.iterations == round(1.5 * history.decays_from)
     assert len(checkpoints) == 2
     for checkpoint in checkpoints:
         write_checkpoint(tmp_path / CHECKPOINT, checkpoint, {})
         resumed = train(capture, options, resume=read_checkpoint(tmp_path, {}))
         for part in PARAMETERS:
             assert getattr(resumed.scene, part).tobytes() == getattr(whole.scene, part).tobytes(), part
-        again = resumed.checkpoint.course
+        again = resumed.checkpoint.history
         assert again is not None
-        clocks = [[replace(look, seconds=0.0) for look in each.looks] for each in (again, course)]
+        clocks = [[replace(sample, seconds=0.0) for sample in each.samples] for each in (again, history)]
         assert clocks[0] == clocks[1]
 
 
@@ -279,7 +281,7 @@ def test_a_command_goes_on_from_a_finished_run_only_for_more(
     summary = command(options, resume=False)
     decays_from = summary["validation"]["decays_from"]
     assert summary["iterations"] == round(1.5 * decays_from)
-    assert [look["iteration"] for look in summary["validation"]["looks"]][-1] == decays_from
+    assert [sample["iteration"] for sample in summary["validation"]["samples"]][-1] == decays_from
     with pytest.raises(PocketGSError, match=f"{summary['iterations']} iterations are already done"):
         command(options, resume=True)
     more = summary["iterations"] + 5

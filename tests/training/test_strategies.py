@@ -23,14 +23,14 @@ from pocketgs.splat.cpu.engine import CpuEngine
 from pocketgs.splat.rows import RowChange, Statistics
 from pocketgs.splat.settings import LossSettings
 from pocketgs.splat.store import ParameterStore
-from pocketgs.training import schedules
+from pocketgs.training import run_setup
 from pocketgs.training.options import SizedOptions, TrainingOptions
 from pocketgs.training.planning.effort import sized
 from pocketgs.training.progress import Progress
 from pocketgs.training.random_points import points_in_a_cube
 from pocketgs.training.recipes import recipe_named
 from pocketgs.training.result import Checkpoint
-from pocketgs.training.schedules import schedules_of
+from pocketgs.training.run_setup import set_up
 from pocketgs.training.strategies import choose
 from pocketgs.training.strategies.adc import AdaptiveDensityControl, DensityControl
 from pocketgs.training.strategies.budgeted import Budgeted, Growth, Parabola
@@ -423,7 +423,7 @@ def test_engines_agree_on_how_many_there_are(
 
     Strategies are compared without dropout, which has tests of its own.
     """
-    monkeypatch.setattr(schedules, "dropout_share", lambda most, views: 0.0)
+    monkeypatch.setattr(run_setup, "dropout_share", lambda most, views: 0.0)
     options = TrainingOptions(iterations=24, sh_degree=1, strategy=name, max_gaussians=1800, evaluate_every=8)
     checkpoints: list[Checkpoint] = []
 
@@ -501,7 +501,7 @@ def test_opacities_are_reset_early_before_a_bright_background(small_capture: Cap
     assert capture.points is not None
     sizes = [(frame.camera.width, frame.camera.height) for frame in capture.train]
     options = sized(TrainingOptions(recipe="3dgs-7k", prior="none"), sizes)
-    strategy, engine = schedules_of(capture, capture.points, options, None, None).strategy, CpuEngine()
+    strategy, engine = set_up(capture, capture.points, options, None, None).strategy, CpuEngine()
     engine.upload(seed_balls(capture.points, 0.9, 0))
     strategy.after_step(500, engine)
     assert engine.download().opacities.max() == pytest.approx(0.01 if brightness else 0.9)

@@ -11,7 +11,7 @@ from pocketgs.results.memory_trace import MemorySample
 
 
 @dataclass(frozen=True)
-class Look:
+class CurvePoint:
     """One evaluation on the held-out views during training.
 
     Attributes:
@@ -25,7 +25,7 @@ class Look:
     psnr: float
 
 
-Curve = list[Look]
+Curve = list[CurvePoint]
 Trace = list[MemorySample]
 
 
@@ -36,25 +36,25 @@ def curves(results: Sequence[CellResult], capture: str) -> dict[str, list[Curve]
 
 
 def _curve(result: CellResult) -> Curve:
-    looks = []
+    points = []
     for sample in result.run.get("progress") or []:
         iteration, seconds, psnr = (number(sample.get(name)) for name in ("iteration", "elapsed", "held_out_psnr"))
         if iteration is not None and seconds is not None and psnr is not None:
-            looks.append(Look(int(iteration), seconds, psnr))
-    return looks
+            points.append(CurvePoint(int(iteration), seconds, psnr))
+    return points
 
 
 def mean_curve(seeds: Sequence[Curve]) -> Curve:
     """Mean over seeds, of time and of PSNR, at the iterations at which all were evaluated."""
-    by_iteration = [{look.iteration: look for look in curve} for curve in seeds]
-    shared = sorted(set.intersection(*(set(looks) for looks in by_iteration)))
+    by_iteration = [{point.iteration: point for point in curve} for curve in seeds]
+    shared = sorted(set.intersection(*(set(points) for points in by_iteration)))
     means = []
     for iteration in shared:
-        looks = [found[iteration] for found in by_iteration]
+        points = [found[iteration] for found in by_iteration]
         seconds, psnr = (
-            sum(values) / len(looks) for values in zip(*((it.seconds, it.psnr) for it in looks), strict=True)
+            sum(values) / len(points) for values in zip(*((it.seconds, it.psnr) for it in points), strict=True)
         )
-        means.append(Look(iteration, seconds, psnr))
+        means.append(CurvePoint(iteration, seconds, psnr))
     return means
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -20,7 +21,7 @@ class Frame:
     """One photograph with its camera, which has a lens where the photograph is held as it was taken.
 
     Attributes:
-        name: path of the image inside the capture, for example "images/0001.jpg".
+        name: path of the image inside the capture, for example "images/0001.jpg"; no two frames of a capture share it.
         camera: camera of the image in memory (undistorted, cropped and resized).
         image: (H, W, 3) uint8 RGB; images with alpha are composited on the capture's background.
         alpha: (H, W) uint8 opacity of the file's pixels, or None.
@@ -107,7 +108,7 @@ class Capture:
         photographs: the photographs on disk, or None if there are only the frames in memory.
 
     Raises:
-        PocketGSError: the background is not a colour.
+        PocketGSError: the background is not a colour, or two frames have the same name: poses and masks are kept by it.
     """
 
     name: str
@@ -125,6 +126,10 @@ class Capture:
 
     def __post_init__(self) -> None:
         checked_background(self.background)
+        names = Counter(frame.name for frame in self.frames)
+        if repeated := [name for name, count in names.items() if count > 1]:
+            found = f"{self.path}: {names[repeated[0]]} frames are named {repeated[0]!r}"
+            raise PocketGSError(f"{found}, expected a name of its own for each")
 
     @property
     def frames(self) -> list[Frame]:

@@ -1,10 +1,10 @@
-"""Choosing some of many views, evenly."""
+"""Choosing some of many, evenly."""
 
 from __future__ import annotations
 
 import numpy as np
 
 
-def evenly_chosen(views: int, most: int) -> np.ndarray:
-    """Indices of at most `most` views, ascending and evenly spaced from the first to the last."""
-    return np.unique(np.linspace(0, views - 1, min(views, most)).round().astype(int))
+def evenly_chosen(count: int, most: int) -> np.ndarray:
+    """(min(count, most),) int64 indices below `count`, ascending and evenly spaced from the first to the last."""
+    return np.linspace(0, count - 1, min(count, most)).round().astype(np.int64)

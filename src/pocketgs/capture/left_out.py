@@ -7,8 +7,8 @@ from pathlib import Path
 
 from pocketgs.capture.capture import Frame
 from pocketgs.capture.decoding.mask_file import read_mask
+from pocketgs.capture.frame_parts import reliable_depth
 from pocketgs.capture.listing import FrameSource
-from pocketgs.capture.loading import reliable_depth
 from pocketgs.errors import PocketGSError
 from pocketgs.files.opening import reading_inside
 

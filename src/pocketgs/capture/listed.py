@@ -10,9 +10,10 @@ from pathlib import Path
 from pocketgs.capture.capture import Capture, Frame
 from pocketgs.capture.decoding.image_file import ImageHeader, UndecodableImageError
 from pocketgs.capture.frame_edits import size_after
+from pocketgs.capture.frame_parts import camera_of_size, header_of
 from pocketgs.capture.left_out import damaged_warning, depth_warnings, mask_warnings, masked_out_warning
 from pocketgs.capture.listing import FrameSource, Listing
-from pocketgs.capture.loading import MAX_READERS, Preparation, camera_of_size, header_of, load_frames
+from pocketgs.capture.loading import MAX_READERS, Preparation, load_frames
 from pocketgs.capture.outline import Outline, Size
 from pocketgs.capture.plain_background import plain_background
 from pocketgs.capture.stored_photographs import StoredPhotographs

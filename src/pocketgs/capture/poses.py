@@ -9,8 +9,11 @@ from pocketgs.geometry.camera import MAX_SIDE, Camera
 from pocketgs.geometry.quaternions import rotation_matrices
 
 ROTATION_TOLERANCE = 1e-2
+"""Maximum difference of RᵀR from the identity: matrices written with three digits are within it."""
+
 MAX_COORDINATE = 1e9
 MIN_FOCAL_LENGTH, MAX_INTRINSIC = 1e-2, 1e7
+"""Bounds on what files may state: beyond them computations in float32 would overflow, and the file is damaged."""
 
 ARKIT_PIXEL_CENTRE = 0.5
 """Offset from ARKit's principal point, measured from the centre of the top left pixel, to ours, from its corner.

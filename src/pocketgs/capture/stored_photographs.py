@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from pocketgs.capture.capture import Frame, Result
+from pocketgs.capture.frame_parts import header_of
 from pocketgs.capture.listing import FrameSource
-from pocketgs.capture.loading import MAX_READERS, Preparation, header_of, map_frames
+from pocketgs.capture.loading import MAX_READERS, Preparation, map_frames
 
 
 @dataclass(frozen=True)

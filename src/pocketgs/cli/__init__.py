@@ -61,7 +61,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         errors.say("pocketgs: " + " ".join(str(error).split()), style="red")
         sys.exit(USER_ERROR)
     except MemoryError:
-        errors.say("pocketgs: out of memory: try --downscale 2 or fewer --max-gaussians", style="red")
+        errors.say(
+            "pocketgs: out of memory: close other programs, or use smaller photographs or fewer Gaussians", style="red"
+        )
         sys.exit(USER_ERROR)
     except KeyboardInterrupt:
         errors.say("pocketgs: stopped", style="red")

@@ -95,6 +95,11 @@ class Camera:
         """(3, 3) matrix K, with pixel centres at + 0.5."""
         return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
 
+    def grid_shape(self, cells: int) -> tuple[int, int]:
+        """Rows and columns of a grid of about square cells over the image, with `cells` along its longer side."""
+        side = max(self.width, self.height) / cells
+        return max(1, round(self.height / side)), max(1, round(self.width / side))
+
     def resized(self, width: int, height: int) -> Camera:
         """The same view in an image of another size."""
         across, down = width / self.width, height / self.height

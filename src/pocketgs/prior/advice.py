@@ -60,19 +60,18 @@ def check_photographs(capture: Capture) -> None:
 
 
 def photograph_hints(frames: Sequence[Frame]) -> tuple[str, ...]:
-    """Hints from the photographs alone: too few, without texture, or dark.
+    """Hints from the photographs alone: too few, dark, or without texture although they are bright.
 
     Args:
         frames: all frames of a capture.
     """
     hints = []
     if len(frames) < FEW:
-        hints.append(
-            f"only {len(frames)} photographs: gaps between them are guessed; take 30 to 60 of an object, 100 to 200 "
-            "of a room"
-        )
+        found = counted(len(frames), "photograph", "photographs")
+        hints.append(f"only {found}: gaps between them are guessed; take 30 to 60 of an object, 100 to 200 of a room")
     looks = [_look(frame) for frame in frames]
-    blank, dark = (sum(look[which] for look in looks) for which in (0, 1))
+    dark = sum(is_dark for _, is_dark in looks)
+    blank = sum(is_blank and not is_dark for is_blank, is_dark in looks)
     if dark > MANY * len(frames):
         hints.append(f"{dark} of {len(frames)} photographs are dark: switch on the lights or take them by day")
     if blank > MANY * len(frames):
@@ -112,8 +111,8 @@ def nothing_found(capture: Capture, scale: Scale) -> str:
             "given; walk around the subject, with a step to the side between photographs"
         )
     return (
-        "too little texture to refine poses or to estimate distances: poses are used as given; photograph from nearer, "
-        "without blur, in more light, with something patterned in view"
+        "too little texture to refine poses or to estimate distances: poses are used as given; photograph without "
+        "blur, in more light, with something patterned in view"
     )
 
 

@@ -94,14 +94,14 @@ def _confirmed(
     with ExitStack() as held:
         with stopwatch.stage("depth"):
             sizes = [(frame.camera.width, frame.camera.height) for frame in scene.frames]
-            stereo, unroomy = with_room(stereo, stereo_extent(sizes, len(scene.keyframes), sweep))
+            stereo, warnings = with_room(stereo, stereo_extent(sizes, len(scene.keyframes), sweep))
             held.callback(stereo.release)
             keyframes = [scene.frames[index] for index in scene.keyframes]
             points = [scene.seen[index] for index in scene.keyframes]
             swept, maps = depth_maps(keyframes, scene.frames, points, scene.distance, sweep, stereo)
         with stopwatch.stage("fusion"):
             candidates, failed = _candidates(swept, maps, scene.frames, fusion, stereo)
-        return candidates, stereo.name, (*unroomy, *failed)
+        return candidates, stereo.name, (*warnings, *failed)
 
 
 def _candidates(

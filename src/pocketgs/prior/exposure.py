@@ -23,14 +23,17 @@ SMOOTHING = 1.5
 BLUR_RADIUS = int(2 * SMOOTHING)
 ALTERNATIONS = 20
 SETTLED = 1e-4
-"""Gains have settled when none changes by more than this share."""
+"""Maximum number of turns in which colours of points and gains are estimated. They have settled, and turns end, once no
+gain changes by more than this share.
+"""
 
 MIN_POINTS = 50
 ENOUGH_POINTS = 200
-"""Points of a view that its colours are measured on: more take time and tell the same."""
+"""Number of points of each view that are measured: more take time, and do not change the median."""
 
 MOST_POINTS = 10 * ENOUGH_POINTS
-"""Points of a photograph that are measured at most: one that sees all of a large scene sees what all others need."""
+"""Maximum number of points measured per photograph. One that sees all of a large scene would measure the points of all
+other photographs otherwise."""
 
 NEIGHBOURS = 3
 """Number of most similar views, whose points a photograph is taken to see."""
@@ -41,7 +44,7 @@ MIN_VARIATION = 0.02
 PREDICTABLE = 0.7
 """Exposures are left as they are where similar views tell a view's exposure to within this share of its variation.
 
-A scene takes slow changes in: what is rendered for a view looks like the photographs taken near it.
+Training absorbs slow changes: what is rendered for a view looks like the photographs taken near it.
 """
 
 

@@ -19,7 +19,8 @@ CELLS = 12
 """Number of cells along the longer side of a view; coverage is counted in cells."""
 
 NEIGHBOURING_FRAMES = 4
-"""A frame's sharpness is compared with that of this many frames before and after it."""
+"""A frame's sharpness is compared with that of this many frames before and after it: they show much the same, so that
+the comparison tells of blur and not of texture."""
 
 HIDDEN = 1.5
 """If a keyframe's own depth is smaller by this factor, the point is occluded."""
@@ -27,7 +28,7 @@ HIDDEN = 1.5
 COARSER = 2.0
 """Maximum ratio of the keyframe's pixel footprint to the view's: above it, the keyframe lacks detail."""
 
-WIDEST_ANGLE = np.radians(60)
+WIDEST_VIEWING_ANGLE = np.radians(60)
 """Maximum angle between viewing directions for matching."""
 
 COPIED = 0.8
@@ -144,8 +145,7 @@ class _Cells:
     @staticmethod
     def of(frame: Frame, points: np.ndarray, distance: float) -> _Cells:
         camera = frame.camera
-        side = max(camera.width, camera.height) / CELLS
-        rows, columns = max(1, round(camera.height / side)), max(1, round(camera.width / side))
+        rows, columns = camera.grid_shape(CELLS)
         depths = _cell_depths(camera, points, rows, columns, distance)
         row, column = (index.ravel() for index in np.indices((rows, columns)))
         pixels = np.stack([(column + 0.5) * camera.width / columns, (row + 0.5) * camera.height / rows], axis=1)
@@ -219,4 +219,4 @@ def _sees(view: _Cells, positions: np.ndarray, lengths: np.ndarray, rays: np.nda
     own_rays = positions - camera.centre
     cosines = np.sum(own_rays * rays, axis=1)
     norms = np.linalg.norm(own_rays, axis=1) * np.linalg.norm(rays, axis=1)
-    return inside & unhidden & fine_enough & (cosines > np.cos(WIDEST_ANGLE) * norms)
+    return inside & unhidden & fine_enough & (cosines > np.cos(WIDEST_VIEWING_ANGLE) * norms)

@@ -152,7 +152,7 @@ def _posed(
             structure = built(capture, scale)
     capture = _with_poses_of(structure, capture)
     poses = PoseReport.of(structure, capture, convention)
-    return capture, scale, structure.of(capture.train) if structure else None, poses
+    return capture, scale, structure.restricted_to(capture.train) if structure else None, poses
 
 
 def _reread(capture: Capture, convention: Convention) -> Capture:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from pocketgs.capture.capture import Frame
+from pocketgs.capture.even_choice import evenly_chosen
 from pocketgs.prior.depth.depth_maps import representative, stereo_extent
 from pocketgs.prior.depth.depth_range import small_copy, wide_range
 from pocketgs.prior.depth.room import with_room
@@ -15,7 +16,6 @@ from pocketgs.prior.depth.source_views import choose_source_views
 from pocketgs.prior.depth.stereo import Stereo
 from pocketgs.prior.depth.sweep import SweepSettings
 from pocketgs.prior.seen_points import MAX_SEEN
-from pocketgs.prior.spread import spread
 
 
 def rough_points(frames: Sequence[Frame], distance: float, settings: SweepSettings, stereo: Stereo) -> list[np.ndarray]:
@@ -35,7 +35,7 @@ def rough_points(frames: Sequence[Frame], distance: float, settings: SweepSettin
         source_views = choose_source_views(frame, small, representative(frame, unknown, distance), settings)
         map_ = stereo.sweep(frame, source_views, wide_range(frame, unknown, distance), settings)
         rows, columns = np.nonzero((map_.depth > 0) & (map_.margin >= SURE_MARGIN))
-        some = spread(len(rows), MAX_SEEN)
+        some = evenly_chosen(len(rows), MAX_SEEN)
         rows, columns = rows[some], columns[some]
         depths = map_.depth[rows, columns].astype(np.float64)
         rays = frame.camera.rays(np.column_stack([columns, rows]) + 0.5)

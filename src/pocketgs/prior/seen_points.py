@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from pocketgs.capture.capture import Frame
+from pocketgs.capture.even_choice import evenly_chosen
 from pocketgs.prior.cloud.coverage import ViewCells, point_radii
-from pocketgs.prior.spread import spread
 from pocketgs.scene.point_cloud import PointCloud
 
 MAX_POINTS, MAX_SEEN = 50_000, 2_000
@@ -25,7 +25,7 @@ def seen_points(cloud: PointCloud, frames: Sequence[Frame]) -> list[np.ndarray]:
         cloud: in the world of the frames.
         frames: any frames.
     """
-    cloud = cloud.select(spread(len(cloud), MAX_POINTS))
+    cloud = cloud.select(evenly_chosen(len(cloud), MAX_POINTS))
     views = ViewCells.of(frames)
     nearest = views.empty()
     views.cover(nearest, cloud, point_radii(cloud.positions))
@@ -34,5 +34,5 @@ def seen_points(cloud: PointCloud, frames: Sequence[Frame]) -> list[np.ndarray]:
         inside, cells, depth = views.cells_of(view, cloud.positions)
         unhidden = views.usable[view][cells] & (depth < HIDDEN * nearest[view][cells])
         seen = cloud.positions[inside][unhidden]
-        found.append(seen[spread(len(seen), MAX_SEEN)])
+        found.append(seen[evenly_chosen(len(seen), MAX_SEEN)])
     return found

@@ -22,7 +22,7 @@ from pocketgs.splat.parameters import ParameterLayout
 from pocketgs.splat.rows import Statistics
 from pocketgs.training.progress import Progress
 from pocketgs.training.result import Checkpoint
-from pocketgs.training.validation import Course, Look
+from pocketgs.training.validation import ValidationHistory, ValidationSample
 
 CHECKPOINT = "checkpoint.npz"
 SHRINK = "shrink"
@@ -56,8 +56,8 @@ def write_checkpoint(path: Path, checkpoint: Checkpoint, run: dict[str, Any]) ->
     arrays = {name: getattr(checkpoint.gaussians, name) for name in PARAMETERS}
     if checkpoint.statistics is not None:
         arrays |= {name: getattr(checkpoint.statistics, name) for name in STATISTICS}
-    if checkpoint.course is not None:
-        arrays["course"] = np.array(json.dumps(asdict(checkpoint.course)))
+    if checkpoint.history is not None:
+        arrays["course"] = np.array(_written_history(checkpoint.history))
     if checkpoint.state.colours is not None:
         arrays["colours"] = checkpoint.state.colours
     if checkpoint.transients is not None:
@@ -154,7 +154,7 @@ def read_checkpoint(folder: Path, run: dict[str, Any]) -> Checkpoint:
             state = OptimiserState(data["first_moments"], data["second_moments"], int(data["steps"]), near, colours)
             statistics = Statistics(*(data[name] for name in STATISTICS)) if STATISTICS[0] in data else None
             iteration = int(data["iteration"])
-            course = _course(json.loads(str(data["course"]))) if "course" in data else None
+            history = _history(json.loads(str(data["course"]))) if "course" in data else None
             transients = _transients(data) if "transients" in data else None
     except Exception as error:  # a damaged archive fails in many ways
         raise PocketGSError(f"{path}: not a readable checkpoint ({error})") from error
@@ -169,7 +169,7 @@ def read_checkpoint(folder: Path, run: dict[str, Any]) -> Checkpoint:
         if sums.shape != (len(gaussians),) or sums.dtype != np.float32:
             raise PocketGSError(f"{path}: its {name} are {sums.dtype} of shape {sums.shape}, not the scene's")
     _require_same_run(path, written, run)
-    return Checkpoint(iteration, gaussians, state, statistics, course, transients)
+    return Checkpoint(iteration, gaussians, state, statistics, history, transients)
 
 
 def _require_same_run(path: Path, written: dict[str, Any], run: dict[str, Any]) -> None:
@@ -189,13 +189,17 @@ def _require_same_run(path: Path, written: dict[str, Any], run: dict[str, Any]) 
         )
 
 
-def _course(written: dict[str, Any]) -> Course:
-    looks = (
-        Look(int(look["iteration"]), float(look["psnr"]), int(look["gaussians"]), float(look["seconds"]))
-        for look in written["looks"]
+def _written_history(history: ValidationHistory) -> str:
+    return json.dumps({"looks": [asdict(sample) for sample in history.samples], "decays_from": history.decays_from})
+
+
+def _history(written: dict[str, Any]) -> ValidationHistory:
+    samples = (
+        ValidationSample(int(each["iteration"]), float(each["psnr"]), int(each["gaussians"]), float(each["seconds"]))
+        for each in written["looks"]
     )
     decays_from = written["decays_from"]
-    return Course(tuple(looks), None if decays_from is None else int(decays_from))
+    return ValidationHistory(tuple(samples), None if decays_from is None else int(decays_from))
 
 
 def _transients(data: Mapping[str, np.ndarray]) -> tuple[np.ndarray, ...]:

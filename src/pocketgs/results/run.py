@@ -204,7 +204,7 @@ def _trained(
 
 def _end(checkpoint: Checkpoint, options: SizedOptions) -> int:
     """The iteration at which a resumed run ends at the latest."""
-    decided = end_of(checkpoint.course, options.iterations) if options.open_ended and checkpoint.course else None
+    decided = end_of(checkpoint.history, options.iterations) if options.open_ended and checkpoint.history else None
     return decided or options.iterations
 
 

@@ -43,7 +43,7 @@ def summarise(
     memory: Sequence[MemorySample],
 ) -> dict[str, Any]:
     """Make the content of `run.json`."""
-    course = result.checkpoint.course
+    history = result.checkpoint.history
     return {
         **(evaluation.means if evaluation else dict.fromkeys(MEANS)),
         "lpips_note": evaluation.lpips_note if evaluation else None,
@@ -80,7 +80,7 @@ def summarise(
         "prior": _prior(result.prior) if result.prior else None,
         "images": [asdict(image) for image in evaluation.images] if evaluation else [],
         "progress": [asdict(sample) for sample in result.losses],
-        "validation": asdict(course) if course else None,
+        "validation": asdict(history) if history else None,
         "memory": [asdict(sample) for sample in memory],
         "versions": versions(),
     }

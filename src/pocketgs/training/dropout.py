@@ -21,7 +21,7 @@ ENOUGH_VIEWS = 12
 """Number of views from which on there is no dropout: there it costs details, and gains little."""
 
 MOST_POINTS = 10_000
-"""Number of points that the number of views is the median of at most."""
+"""Maximum number of points that the median is taken over."""
 
 
 def views_per_point(cameras: Sequence[Camera], points: PointCloud) -> float:

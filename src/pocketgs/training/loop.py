@@ -15,7 +15,7 @@ from pocketgs.training.dropout import dropout_of_step
 from pocketgs.training.options import SizedOptions
 from pocketgs.training.progress import MAX_EVALUATED, Observer, Progress
 from pocketgs.training.result import Checkpoint, LossSample
-from pocketgs.training.schedules import Schedules
+from pocketgs.training.run_setup import RunSetup
 from pocketgs.training.transients import Transients
 from pocketgs.training.validation import mean_psnr
 from pocketgs.training.view_choice import view_of_step
@@ -29,7 +29,7 @@ class Loop:
     Args:
         capture: to train on.
         options: of the run.
-        schedules: its recipe, length, learning rates, and number of Gaussians.
+        setup: what it follows.
         transients: masks things that move, or None.
         engine: with the views and the first Gaussians.
         stopwatch: times the stages.
@@ -40,7 +40,7 @@ class Loop:
         self,
         capture: PreparedCapture,
         options: SizedOptions,
-        schedules: Schedules,
+        setup: RunSetup,
         transients: Transients | None,
         engine: Engine,
         stopwatch: Stopwatch,
@@ -50,9 +50,9 @@ class Loop:
         self.interrupted = False
         self.samples: list[LossSample] = []
         self._capture, self._options, self._transients = capture, options, transients
-        self._recipe, self._first_rates = schedules.recipe, schedules.first_rates
-        self._pace, self._strategy = schedules.pace, schedules.strategy
-        self._dropout = schedules.dropout
+        self._recipe, self._first_rates = setup.recipe, setup.first_rates
+        self._pace, self._strategy = setup.pace, setup.strategy
+        self._dropout = setup.dropout
         self._learns_colours = options.colours == "on"
         self._engine, self._stopwatch = engine, stopwatch
         self._loss, self._loss_asked = float("nan"), float("-inf")
@@ -67,7 +67,7 @@ class Loop:
             self._engine.download(),
             self._engine.optimiser_state(),
             self._engine.statistics() if self._strategy.changes_rows else None,
-            self._pace.course,
+            self._pace.history,
             self._transients.cells if self._transients else None,
         )
 
@@ -166,7 +166,7 @@ class Loop:
             held_out_psnr=self._held_out_psnr,
             iteration_rate=rate,
             seconds_left=left,
-            gain_per_minute=self._pace.course.gain_per_minute if self._pace.course else None,
+            gain_per_minute=self._pace.history.gain_per_minute if self._pace.history else None,
             gaussians=self._engine.count,
             interrupt=interrupt,
             scene=self._engine.download,

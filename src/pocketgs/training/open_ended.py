@@ -21,7 +21,13 @@ from pocketgs.splat.engine import Engine
 from pocketgs.splat.settings import LearningRates
 from pocketgs.training.pace import share_of_time
 from pocketgs.training.transients import FIRST_EPOCHS
-from pocketgs.training.validation import Course, Look, mean_psnr, validation_views, validation_views_of_few
+from pocketgs.training.validation import (
+    ValidationHistory,
+    ValidationSample,
+    mean_psnr,
+    validation_views,
+    validation_views_of_few,
+)
 
 FIRST_STAGE, STAGE_RATIO = 500, 4 / 3
 """Iterations of the first stage, and the ratio between the ends of consecutive stages."""
@@ -56,7 +62,7 @@ class OpenEndedPace:
         frames: the training views. Some may have been dropped since `validation_views` found them enough.
         background: of the renderings.
         most: maximum number of Gaussians.
-        course: of the run to resume, or None.
+        history: of the run to resume, or None.
     """
 
     def __init__(
@@ -68,10 +74,10 @@ class OpenEndedPace:
         frames: Sequence[Frame],
         background: Background,
         most: int,
-        course: Course | None,
+        history: ValidationHistory | None,
     ) -> None:
-        self._course = course or Course()
-        self._seconds_before = self._course.looks[-1].seconds if self._course.looks else 0.0
+        self._history = history or ValidationHistory()
+        self._seconds_before = self._history.samples[-1].seconds if self._history.samples else 0.0
         self._longest, self._seconds, self._initial, self._most = iterations, seconds, initial, most
         held_back = validation_views(len(frames)) or validation_views_of_few(len(frames))
         self._validation, self._background = [frames[index] for index in held_back], background
@@ -81,15 +87,15 @@ class OpenEndedPace:
         self._may_end_from = next((end for end in self._stages if _end(end, iterations) >= least), self._stages[-1])
 
     @property
-    def course(self) -> Course:
+    def history(self) -> ValidationHistory:
         """Evaluations on the validation views, and decisions."""
-        return self._course
+        return self._history
 
     @property
     def iterations(self) -> int:
         """End of the run if the current stage does not gain enough."""
-        next_stage = self._stages[min(len(self.course.looks), len(self._stages) - 1)]
-        return end_of(self.course, self._longest) or _end(max(next_stage, self._may_end_from), self._longest)
+        next_stage = self._stages[min(len(self.history.samples), len(self._stages) - 1)]
+        return end_of(self.history, self._longest) or _end(max(next_stage, self._may_end_from), self._longest)
 
     def fraction(self, iteration: int, seconds: float) -> float:
         """Progress by iterations, as far as they are known, or by time."""
@@ -97,7 +103,7 @@ class OpenEndedPace:
 
     def rates(self, iteration: int, seconds: float) -> LearningRates:
         """Constant at first, then slowly decaying; at the end a half cosine."""
-        decays_from = self.course.decays_from
+        decays_from = self.history.decays_from
         reached = iteration if decays_from is None else decays_from
         factor = math.sqrt(SLOWS_FROM / max(reached, SLOWS_FROM))
         if decays_from is not None:
@@ -109,30 +115,32 @@ class OpenEndedPace:
 
     def views(self, iteration: int) -> Sequence[int]:
         """All but the validation views during exploration, all of them afterwards."""
-        return self._shown if self.course.decays_from is None else self._all
+        return self._shown if self.history.decays_from is None else self._all
 
     def familiar_views(self, iteration: int) -> Sequence[int]:
         """All but the validation views, until these have been visited FIRST_EPOCHS times."""
-        decays_from = self.course.decays_from
+        decays_from = self.history.decays_from
         # One more, since the decay may begin in the middle of an epoch.
         is_early = decays_from is None or iteration < decays_from + (FIRST_EPOCHS + 1) * len(self._all)
         return self._shown if is_early else self._all
 
     def after_step(self, iteration: int, seconds: float, engine: Engine) -> None:
         """Evaluate the validation views at the end of a stage, and decide whether to start the decay."""
-        if self.course.decays_from is not None:
+        if self.history.decays_from is not None:
             return
         if iteration in self._stages:
             value = mean_psnr(engine, self._validation, self._background)
-            self._course = self.course.with_look(Look(iteration, value, engine.count, self._seconds_before + seconds))
+            self._history = self.history.with_sample(
+                ValidationSample(iteration, value, engine.count, self._seconds_before + seconds)
+            )
         is_late = share_of_time(seconds, self._seconds) >= 1.0 / (1.0 + DECAY)
         may_end = iteration in self._stages and iteration >= self._may_end_from
-        if is_late or iteration >= self._stages[-1] or (may_end and not _pays(self.course.looks)):
-            self._course = replace(self.course, decays_from=iteration)
+        if is_late or iteration >= self._stages[-1] or (may_end and not _pays(self.history.samples)):
+            self._history = replace(self.history, decays_from=iteration)
 
     def next_growth(self, iteration: int) -> int | None:
         """The first iteration, from this one on, after which Gaussians may be added."""
-        if self.course.decays_from is not None:
+        if self.history.decays_from is not None:
             return None
         return next((stage for stage in self._stages if stage >= iteration), None)
 
@@ -141,15 +149,15 @@ class OpenEndedPace:
         return min(int(GROWTH * count), self._most)
 
 
-def _pays(looks: Sequence[Look]) -> bool:
+def _pays(samples: Sequence[ValidationSample]) -> bool:
     """Whether one of the last stages was worth it, or it is too early to say."""
-    before, last = [look.psnr for look in looks[:-PATIENCE]], [look.psnr for look in looks[-PATIENCE:]]
+    before, last = [sample.psnr for sample in samples[:-PATIENCE]], [sample.psnr for sample in samples[-PATIENCE:]]
     return bool(np.isfinite(last).all()) and (not before or max(last) >= max(before) + MIN_GAIN)
 
 
-def end_of(course: Course, longest: int) -> int | None:
+def end_of(history: ValidationHistory, longest: int) -> int | None:
     """The iteration at which a run ends, or None while that is undecided; at most `longest`."""
-    return None if course.decays_from is None else _end(course.decays_from, longest)
+    return None if history.decays_from is None else _end(history.decays_from, longest)
 
 
 def _end(decays_from: int, longest: int) -> int:

@@ -26,8 +26,8 @@ class TrainingOptions:
             validation views, held back for a while, show that more training no longer pays.
         iterations: number of training steps, one view each; None for the recipe's, or the effort's.
         time_budget: maximum seconds of the whole command, or, in Python, of `train`; None for no limit. A command plans
-            for it, and refuses one that is too short. Learning rates decay by iterations or time, whichever is further
-            along.
+            for it, and refuses one that is too short; `train` returns untrained seeds if it is over before the first
+            iteration. Learning rates decay by iterations or time, whichever is further along.
         engine: rendering and training engine: "auto" uses a GPU if there is one, else the CPU; "webgpu" accepts
             software adapters too.
         prior: initial points: "dense" computes depth maps; "sparse" uses the points of matched features; "colmap" the

@@ -8,7 +8,7 @@ from typing import Protocol
 from pocketgs.splat.engine import Engine
 from pocketgs.splat.settings import LearningRates
 from pocketgs.training.recipes import Schedule
-from pocketgs.training.validation import Course
+from pocketgs.training.validation import ValidationHistory
 
 
 class Pace(Protocol):
@@ -22,7 +22,7 @@ class Pace(Protocol):
         """End of the run, as far as known."""
 
     @property
-    def course(self) -> Course | None:
+    def history(self) -> ValidationHistory | None:
         """State that checkpoints must contain, or None."""
 
     def fraction(self, iteration: int, seconds: float) -> float:
@@ -57,7 +57,7 @@ class SetPace:
         schedule: of the learning rates.
         initial: initial learning rates.
         views: number of training views.
-        course: of an open-ended run that continues with a given length, or None.
+        history: of an open-ended run that continues with a given length, or None.
     """
 
     def __init__(
@@ -67,10 +67,10 @@ class SetPace:
         schedule: Schedule,
         initial: LearningRates,
         views: int,
-        course: Course | None = None,
+        history: ValidationHistory | None = None,
     ) -> None:
         self._iterations, self._seconds, self._views = iterations, seconds, range(views)
-        self._schedule, self._initial, self._course = schedule, initial, course
+        self._schedule, self._initial, self._history = schedule, initial, history
 
     @property
     def iterations(self) -> int:
@@ -78,9 +78,9 @@ class SetPace:
         return self._iterations
 
     @property
-    def course(self) -> Course | None:
-        """The given course."""
-        return self._course
+    def history(self) -> ValidationHistory | None:
+        """The given history."""
+        return self._history
 
     def fraction(self, iteration: int, seconds: float) -> float:
         """Progress by iterations, or by time if that is further along."""

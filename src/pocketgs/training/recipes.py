@@ -32,7 +32,7 @@ MIN_EXTENT = 1e-6
 """Minimum extent of the cameras relative to their distance from the points; less is rounding error."""
 
 MOST_DEPTHS = 10_000_000
-"""Number of depths, of a point in a view, that a pixel's footprint is the median of at most: they take 240 MB."""
+"""Maximum number of depths that the median of a pixel's footprint is taken over: they take 240 MB."""
 
 
 def cosine(final: float) -> Schedule:

@@ -10,7 +10,7 @@ from pocketgs.prior.report import PriorReport
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.engine import OptimiserState
 from pocketgs.splat.rows import Statistics
-from pocketgs.training.validation import Course
+from pocketgs.training.validation import ValidationHistory
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Checkpoint:
         gaussians: the scene.
         state: the optimiser's state.
         statistics: collected by its strategy, or None.
-        course: state of an open-ended run; None if its length was given.
+        history: state of an open-ended run; None if its length was given.
         transients: (h, w) bool for each training view, its masked cells, see `pocketgs.training.transients`; None if
             transients were not searched for.
     """
@@ -53,7 +53,7 @@ class Checkpoint:
     gaussians: Gaussians
     state: OptimiserState
     statistics: Statistics | None = None
-    course: Course | None = None
+    history: ValidationHistory | None = None
     transients: tuple[np.ndarray, ...] | None = None
 
 

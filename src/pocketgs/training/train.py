@@ -26,7 +26,7 @@ from pocketgs.training.preparation import at_most, prepare
 from pocketgs.training.progress import Observer
 from pocketgs.training.recipes import recipe_named
 from pocketgs.training.result import Checkpoint, TrainingResult
-from pocketgs.training.schedules import schedules_of
+from pocketgs.training.run_setup import set_up
 from pocketgs.training.transients import Transients
 
 
@@ -83,8 +83,8 @@ def train(
     with stopwatch.stage("upload"):
         _upload(engine, prepared, start, transients, resume)
     seconds = None if options.time_budget is None else options.time_budget - (time.monotonic() - started)
-    schedules = schedules_of(prepared, points, options, seconds, resume)
-    loop = Loop(prepared, options, schedules, transients, engine, stopwatch, resume.iteration if resume else 0)
+    setup = set_up(prepared, points, options, seconds, resume)
+    loop = Loop(prepared, options, setup, transients, engine, stopwatch, resume.iteration if resume else 0)
     with deferred_interrupt() as interrupt:  # until the last step has been copied from the engine
         loop.run(observer, saver, interrupt)
         checkpoint = loop.checkpoint()
@@ -94,8 +94,8 @@ def train(
         checkpoint=checkpoint,
         engine=engine.name,
         device=engine.device,
-        recipe=schedules.recipe.name,
-        strategy=schedules.strategy.name,
+        recipe=setup.recipe.name,
+        strategy=setup.strategy.name,
         resumed_from=resume.iteration if resume else None,
         interrupted=loop.interrupted,
         seconds=dict(stopwatch.seconds),
@@ -104,7 +104,7 @@ def train(
         losses=loop.samples,
         prior=_with_warnings(prepared.report, warnings),
         left_out=transients.left_out if transients else (),
-        dropout=schedules.dropout,
+        dropout=setup.dropout,
     )
 
 

@@ -22,7 +22,7 @@ MIN_VIEWS, MAX_VIEWS = 2, 12
 
 
 @dataclass(frozen=True)
-class Look:
+class ValidationSample:
     """One evaluation on the validation views.
 
     Attributes:
@@ -39,32 +39,32 @@ class Look:
 
 
 @dataclass(frozen=True)
-class Course:
+class ValidationHistory:
     """The history of an open-ended run, which determines all its decisions.
 
     Attributes:
-        looks: evaluations on the validation views, in order.
+        samples: evaluations on the validation views, in order.
         decays_from: iteration at which the final decay of the learning rates starts, or None if undecided.
     """
 
-    looks: tuple[Look, ...] = ()
+    samples: tuple[ValidationSample, ...] = ()
     decays_from: int | None = None
 
-    def with_look(self, look: Look) -> Course:
+    def with_sample(self, sample: ValidationSample) -> ValidationHistory:
         """Add an evaluation."""
-        return replace(self, looks=(*self.looks, look))
+        return replace(self, samples=(*self.samples, sample))
 
     @property
     def gain(self) -> float | None:
         """Gain of the last stage in dB, or None before the second evaluation."""
-        return self.looks[-1].psnr - self.looks[-2].psnr if len(self.looks) >= 2 else None
+        return self.samples[-1].psnr - self.samples[-2].psnr if len(self.samples) >= 2 else None
 
     @property
     def gain_per_minute(self) -> float | None:
         """Gain of the last stage in dB per minute; None before there is one, and during the final decay."""
         if self.gain is None or self.decays_from is not None:
             return None
-        seconds = self.looks[-1].seconds - self.looks[-2].seconds
+        seconds = self.samples[-1].seconds - self.samples[-2].seconds
         return 60.0 * self.gain / seconds if seconds > 0 else None
 
 

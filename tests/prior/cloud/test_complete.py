@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from pocketgs.capture.capture import Frame
+from pocketgs.capture.even_choice import evenly_chosen
 from pocketgs.geometry.camera import Camera, look_at
 from pocketgs.prior.cloud import complete
 from pocketgs.prior.cloud.complete import GUESSED_CONFIDENCE, MAX_ADDED_SHARE, completion, joined
 from pocketgs.prior.cloud.coverage import ViewCells, point_radii
-from pocketgs.prior.spread import spread
 from pocketgs.scene.point_cloud import PointCloud
 
 DISTANCE = 7.0
@@ -126,7 +126,7 @@ def test_other_sources_fill_only_what_is_bare() -> None:
 def test_of_large_sources_some_points_are_looked_at(monkeypatch: pytest.MonkeyPatch) -> None:
     """The same as of a source that has only those; and none is left out of one that is small enough."""
     large, cloud = wall(200), with_hole(wall())
-    some = large.select(spread(len(large), 3000))
+    some = large.select(evenly_chosen(len(large), 3000))
     expected = completion(cloud, [frame()], [some], DISTANCE, 100_000).added
     whole = completion(cloud, [frame()], [large], DISTANCE, 100_000).added
     assert len(whole) > len(expected) + 500

@@ -9,7 +9,7 @@ import pytest
 
 from pocketgs.capture.capture import Frame
 from pocketgs.geometry.camera import Camera, look_at
-from pocketgs.prior.cloud.coverage import CELLS, LARGEST, WIDEST_ANGLE, ViewCells, point_radii
+from pocketgs.prior.cloud.coverage import CELLS, LARGEST, WIDEST_COVERED_ANGLE, ViewCells, point_radii
 from pocketgs.scene.point_cloud import PointCloud
 
 TOWARDS = np.array([0.0, 0.0, -1.0])
@@ -58,7 +58,7 @@ def twin(frames: list[Frame], points: PointCloud, radii: np.ndarray) -> list[np.
             if points.directions is not None:
                 towards = camera.centre - points.positions[index]
                 direction = points.directions[index].astype(np.float64)
-                if direction.any() and direction @ towards < np.cos(WIDEST_ANGLE) * np.linalg.norm(towards):
+                if direction.any() and direction @ towards < np.cos(WIDEST_COVERED_ANGLE) * np.linalg.norm(towards):
                     continue
             column, row = x * columns / camera.width, y * rows / camera.height
             reach = 0.5 + min(LARGEST, radii[index] * camera.fx * columns / camera.width / depth)

@@ -158,7 +158,7 @@ def test_a_frame_that_sees_nothing_follows_the_nearest(walk: Refined) -> None:
 
 def test_a_part_of_the_frames(walk: Refined) -> None:
     chosen = walk.capture.train[2:12:3]
-    part = walk.structure.of(chosen)
+    part = walk.structure.restricted_to(chosen)
     assert part.names == tuple(frame.name for frame in chosen)
     assert 50 < len(part.points) < len(walk.structure.points)
     assert np.all(np.bincount(part.observations.point, minlength=len(part.points)) >= 2)

@@ -12,7 +12,7 @@ import numpy as np
 from PIL import Image
 
 from pocketgs.capture.capture import Frame
-from pocketgs.capture.loading import reliable_depth
+from pocketgs.capture.frame_parts import reliable_depth
 from pocketgs.capture.open import read_listing
 from pocketgs.capture.synthetic.phone import Shot
 from pocketgs.capture.synthetic.recording import GroundTruth, check_sizes, frame_name, record

@@ -17,7 +17,7 @@ from pocketgs.capture.options import CaptureOptions
 from pocketgs.cli.output_file import VIDEO_FILE, check_replaceable
 from pocketgs.cli.scene_file import drawn_by, in_world_of, read_for
 from pocketgs.cli.terminal import Terminal
-from pocketgs.errors import PocketGSError
+from pocketgs.errors import PocketGSError, counted
 from pocketgs.files.memory_bound import memory_bound
 from pocketgs.files.paths import IMAGE_SUFFIXES
 from pocketgs.files.plain_names import plain_names
@@ -80,7 +80,7 @@ def render(
         write_video(output, pictures, fps)
     else:
         _write_pictures(output, [name for name, _ in named_cameras], pictures)
-    Terminal().say(f"{len(cameras)} views in {output}")
+    Terminal().say(f"{counted(len(cameras), 'view', 'views')} in {output}")
 
 
 def _check_options(output: Path, is_video: bool, views: Views, frames: int, fps: float) -> None:

@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 
 from pocketgs.capture.capture import Frame
+from pocketgs.capture.even_choice import evenly_chosen
 from pocketgs.prior.cloud.coverage import ViewCells, point_radii
-from pocketgs.prior.spread import spread
 from pocketgs.scene.point_cloud import PointCloud
 
 MISSING_SHARE = 0.5
@@ -66,15 +66,15 @@ def completion(
     views.cover(depths, cloud, point_radii(cloud.positions))
     room = max(int(MAX_ADDED_SHARE * count), count - len(cloud))
     found: list[PointCloud] = []
-    for source in (each.select(spread(len(each), MAX_SOURCE)) for each in sources):
+    for source in (each.select(evenly_chosen(len(each), MAX_SOURCE)) for each in sources):
         missing = np.flatnonzero(views.uncovered_share(depths, source.positions.astype(np.float64)) > MISSING_SHARE)
-        more = source.select(missing[spread(len(missing), room)])
+        more = source.select(missing[evenly_chosen(len(missing), room)])
         views.cover(depths, more, point_radii(more.positions))
         found.append(more)
         room -= len(more)
     known = views.share(depths)
     guessed = _guessed(views, depths, distance)
-    guessed = guessed.select(spread(len(guessed), room))
+    guessed = guessed.select(evenly_chosen(len(guessed), room))
     views.cover(depths, guessed, point_radii(guessed.positions))
     return Completion(joined([*found, guessed]), known, views.share(depths), len(guessed))
 

@@ -25,7 +25,7 @@ CELLS = 96
 NEIGHBOURS = 3
 """A point's radius is the mean distance to this many nearest neighbours."""
 
-WIDEST_ANGLE = np.radians(75)
+WIDEST_COVERED_ANGLE = np.radians(75)
 """Maximum angle between a point's own viewing direction and that of a view that it covers."""
 
 LARGEST = 6.0
@@ -59,8 +59,7 @@ class ViewCells:
         scaled: list[tuple[float, ...]] = []
         for frame in frames:
             camera = frame.camera
-            side = max(camera.width, camera.height) / CELLS
-            rows, columns = max(1, round(camera.height / side)), max(1, round(camera.width / side))
+            rows, columns = camera.grid_shape(CELLS)
             across, down = columns / camera.width, rows / camera.height
             sizes.append((rows, columns))
             scaled.append((camera.fx * across, camera.fy * down, camera.cx * across, camera.cy * down))
@@ -105,7 +104,7 @@ class ViewCells:
             self.rotations,
             self.translations,
             self.centres,
-            float(np.cos(WIDEST_ANGLE)),
+            float(np.cos(WIDEST_COVERED_ANGLE)),
             depths,
         )
 

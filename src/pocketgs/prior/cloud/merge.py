@@ -15,6 +15,8 @@ from pocketgs.scene.point_cloud import PointCloud
 from pocketgs.system.device import DeviceName
 
 MERGING_ROUNDS = 12
+"""Trials of the voxels' size until their number is right."""
+
 OVERFULL = 1.05
 """Maximum ratio of filled voxels to requested points: the voxels of least weight are dropped."""
 

@@ -32,9 +32,9 @@ def outside_hull(points: np.ndarray, frames: Sequence[Frame]) -> np.ndarray:
 
 
 def _with_the_object(frames: Sequence[Frame], points: np.ndarray) -> list[Frame]:
-    """Frames that are not transparent at most of the points that most of the frames show something at.
+    """Frames whose cut-out kept the object: opaque at half or more of the points where most frames are.
 
-    One of the others would empty the whole cloud.
+    One whose background removal took the object too would empty the whole cloud.
     """
     seen, transparent = np.zeros((2, len(frames), len(points)), bool)
     for index, frame in enumerate(frames):

@@ -109,7 +109,7 @@ def _draw_from(
 
 
 def _random_pixels(frame: Frame, count: int, rng: np.random.Generator) -> np.ndarray:
-    """(count, 2) column and row of pixels that are neither transparent nor masked, away from the border."""
+    """(count, 2) column and row of pixels that are neither transparent nor masked."""
     height, width = frame.image.shape[:2]
     usable = np.ones((height, width), bool)
     if frame.alpha is not None:

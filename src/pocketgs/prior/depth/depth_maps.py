@@ -8,12 +8,12 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from pocketgs.capture.capture import Frame
+from pocketgs.capture.even_choice import evenly_chosen
 from pocketgs.prior.depth.depth_range import depths_of, narrowed, small_copy, wide_range
 from pocketgs.prior.depth.sensor_depth import SURE_MARGIN, completed
 from pocketgs.prior.depth.source_views import choose_source_views
 from pocketgs.prior.depth.stereo import Stereo, StereoExtent
 from pocketgs.prior.depth.sweep import MAX_PIXELS, DepthMap, SweepSettings, at_sweep_size
-from pocketgs.prior.spread import spread
 
 MAX_SWEPT_PIXELS = 16_000_000
 """Pixels of all keyframes together: with more keyframes, each is swept at a smaller size, which bounds the time."""
@@ -93,7 +93,7 @@ def _depth_map(
 def representative(keyframe: Frame, points: np.ndarray, distance: float) -> np.ndarray:
     """(M, 3) points in the keyframe's view: some of its sparse points, or a grid at the typical distance."""
     if len(points) >= MIN_POINTS:
-        return points[spread(len(points), MAX_POINTS)]
+        return points[evenly_chosen(len(points), MAX_POINTS)]
     camera = keyframe.camera
     x, y = np.meshgrid((np.arange(GRID) + 0.5) * camera.width / GRID, (np.arange(GRID) + 0.5) * camera.height / GRID)
     return camera.centre + distance * camera.rays(np.stack([x.ravel(), y.ravel()], axis=1))

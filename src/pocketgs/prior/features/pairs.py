@@ -12,7 +12,7 @@ import numpy as np
 from pocketgs.capture.unposed import by_number
 from pocketgs.geometry.camera import Camera
 from pocketgs.prior.features.features import DESCRIPTOR, Features
-from pocketgs.prior.features.tracks import WIDEST_ANGLE, view_distances
+from pocketgs.prior.features.tracks import WIDEST_AXES_ANGLE, view_distances
 
 Pair = tuple[int, int]
 """Indices of two views, the smaller first."""
@@ -50,7 +50,7 @@ def by_pose(cameras: Sequence[Camera], scene_distance: float) -> list[Pair]:
     """Pairs of views that overlap according to their poses."""
     forwards = np.array([camera.forward for camera in cameras])
     apart = view_distances(cameras, cameras, scene_distance)
-    apart[forwards @ forwards.T < np.cos(WIDEST_ANGLE)] = np.inf
+    apart[forwards @ forwards.T < np.cos(WIDEST_AXES_ANGLE)] = np.inf
     np.fill_diagonal(apart, np.inf)
     pairs = set()
     for view, distances in enumerate(apart):

@@ -13,7 +13,7 @@ from pocketgs.geometry.camera import Camera
 from pocketgs.prior.features.features import Features
 from pocketgs.prior.features.observations import Observations
 
-WIDEST_ANGLE = np.radians(60)
+WIDEST_AXES_ANGLE = np.radians(60)
 """Maximum angle between optical axes for SIFT matching."""
 
 REWEIGHTINGS = 3

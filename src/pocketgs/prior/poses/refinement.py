@@ -45,12 +45,12 @@ def refine(
     accepted = validated(adjustment, tracks, images)
     if not accepted.any():
         return nothing
-    adjusted = adjustment.to(tracks)
+    adjusted = adjustment.adjusted(tracks)
     moved = accepted & adjusted.supported
     if not moved.any():
         return nothing
     cameras = [new if move else old for old, new, move in zip(given, adjusted.cameras, moved, strict=True)]
-    carried = _thin(given, moved, adjusted.supported, scene_distance)
+    carried = _poorly_supported(given, moved, adjusted.supported, scene_distance)
     for view in np.flatnonzero(carried).tolist():
         nearest = _nearest(given[view], given, moved, scene_distance)
         cameras[view] = carried_along(given[view], given[nearest], adjusted.cameras[nearest])
@@ -63,12 +63,14 @@ def carried_along(camera: Camera, given: Camera, refined: Camera) -> Camera:
     return replace(camera, world_to_camera=relative @ refined.world_to_camera)
 
 
-def _thin(given: Sequence[Camera], moved: np.ndarray, supported: np.ndarray, scene_distance: float) -> np.ndarray:
+def _poorly_supported(
+    given: Sequence[Camera], moved: np.ndarray, supported: np.ndarray, scene_distance: float
+) -> np.ndarray:
     """(F,) bool: cameras that see too few points, and whose nearest well-supported neighbour has moved."""
-    thin = np.zeros(len(given), bool)
+    found = np.zeros(len(given), bool)
     for view in np.flatnonzero(~supported).tolist():
-        thin[view] = moved[_nearest(given[view], given, supported, scene_distance)]
-    return thin
+        found[view] = moved[_nearest(given[view], given, supported, scene_distance)]
+    return found
 
 
 def _nearest(camera: Camera, others: Sequence[Camera], among: np.ndarray, scene_distance: float) -> int:

@@ -57,7 +57,7 @@ class RobustAdjustment:
     settings: BundleSettings
     linearizer: Linearizer
 
-    def to(self, tracks: Observations) -> Adjusted:
+    def adjusted(self, tracks: Observations) -> Adjusted:
         """Adjust the cameras to those of the observations that agree.
 
         Args:

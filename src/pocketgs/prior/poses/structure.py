@@ -26,7 +26,7 @@ from pocketgs.prior.poses.convention import check_adjusted, check_convention
 from pocketgs.prior.poses.refinement import refine
 from pocketgs.prior.poses.relocalisation import Relocalisation
 from pocketgs.prior.poses.robust_adjustment import RobustAdjustment
-from pocketgs.prior.poses.suspects import contradicted, strangers
+from pocketgs.prior.poses.suspects import contradicted, unmatched_views
 from pocketgs.prior.poses.tolerance import FINEST, MIN_ANGLE, measured_tolerance, widest_tolerance
 from pocketgs.prior.scale import Scale
 from pocketgs.system.freed_memory import give_back
@@ -100,7 +100,7 @@ class Structure:
     replaced: tuple[str, ...] = ()
     unplaced: tuple[str, ...] = ()
 
-    def of(self, frames: Sequence[Frame]) -> Structure:
+    def restricted_to(self, frames: Sequence[Frame]) -> Structure:
         """The structure of some of the frames: their cameras, and the points that at least two of them see, renumbered.
 
         Args:
@@ -212,7 +212,7 @@ def _placed(
     tolerance = max(VERIFICATION * finest, measured_tolerance(given, tracks, finest))
     # Drift accumulates along a walk: errors slightly above the usual do not contradict a pose.
     gross = max(tolerance, widest_tolerance(given) / 2)
-    wrong = contradicted(given, features, matches, gross) | strangers(given, features, matches, scale.distance)
+    wrong = contradicted(given, features, matches, gross) | unmatched_views(given, features, matches, scale.distance)
     if not (wrong.any() and may_move):
         return given, matches, wrong
     relocalisation = Relocalisation(given, features, matches, wrong, tolerance, scale.distance, finder)

@@ -22,7 +22,8 @@ MIN_MATCHES = 32
 
 NEIGHBOURS = 4
 MIN_FEATURES = 0.5
-"""A view without matches is a stranger if it has at least this share of its neighbours' features."""
+"""A view without matches is suspect if so many of its nearest views match each other, and it has at least this share of
+their features."""
 
 MIN_VIEWS = 3
 MIN_MAIN = 0.25
@@ -60,7 +61,7 @@ def contradicted(
     return found
 
 
-def strangers(
+def unmatched_views(
     cameras: Sequence[Camera], features: Sequence[Features], matches: Mapping[Pair, np.ndarray], scene_distance: float
 ) -> np.ndarray:
     """(F,) bool: views with features but no matches, though views all around them match each other.

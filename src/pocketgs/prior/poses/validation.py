@@ -52,7 +52,7 @@ def validated(adjustment: RobustAdjustment, tracks: Observations, images: Sequen
     """
     given, checked = adjustment.given, tracks.point % CHECKED_SHARE == 0
     absent = np.arange(len(given)) % LEFT_OUT_SHARE == LEFT_OUT_SHARE // 2
-    adjusted = adjustment.to(tracks.select(~checked & ~absent[tracks.frame]).renumbered())
+    adjusted = adjustment.adjusted(tracks.select(~checked & ~absent[tracks.frame]).renumbered())
     present, tolerance = adjusted.supported, adjusted.tolerance
     # Absent views keep their given poses while the others move: where they see points tells nothing about either.
     held_out = tracks.select(checked & present[tracks.frame]).renumbered()

@@ -17,8 +17,8 @@ def number_names(count: int) -> list[str]:
     return [f"{number:06d}" for number in range(count)]
 
 
-def add_camera(database: pycolmap.Database, number: int, camera: pycolmap.Camera) -> int:
-    """Write a camera of that number. Returns the number of its rig, in which it is alone."""
+def add_camera(database: pycolmap.Database, camera: pycolmap.Camera) -> int:
+    """Write a camera, which has its number already. Returns the number of its rig, in which it is alone."""
     database.write_camera(camera, use_camera_id=True)
     rig = pycolmap.Rig()
     rig.add_ref_sensor(camera.sensor_id)

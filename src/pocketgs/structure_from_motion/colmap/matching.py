@@ -57,7 +57,7 @@ def _fill(job: MatchingJob, names: dict[str, str], database: Path) -> dict[str, 
     """Create the database with the images of the pairs, and return their numbers."""
     camera = pycolmap.Camera.create_from_model_name(1, "SIMPLE_PINHOLE", 1.0, 1, 1)  # of no use to matching
     with pycolmap.Database.open(database) as made, pycolmap.DatabaseTransaction(made):
-        rig = add_camera(made, 1, camera)
+        rig = add_camera(made, camera)
         images = sorted({name for pair in job["pairs"] for name in pair})
         return {name: add_image(made, names[name], job["features"][name], 1, rig) for name in images}
 

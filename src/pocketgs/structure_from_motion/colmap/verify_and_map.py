@@ -99,7 +99,7 @@ def _fill(job: MappingJob, database: Path) -> None:
                 number, simple_lens(camera["model"]), camera["focal_length"], width, height
             )
             lens.has_prior_focal_length = camera["focal_length_is_known"]
-            rig = add_camera(made, number, lens)
+            rig = add_camera(made, lens)
             for image in camera["images"]:
                 add_image(made, next(numbers), image["features"], number, rig)
 

@@ -2,9 +2,9 @@
 
 Sizes are tried in order, and the first that fits is used: photographs at full size, then at a half, a third and so on,
 each with the requested number of Gaussians, a half and a quarter of it; at the last size ever fewer. If time is short,
-iterations are reduced first: a size fits if it leaves time for half of those requested. Very many, beside a budget of
-time, mean as many as fit: at most as many count as requested as a run has by default. So neither a larger budget nor
-more iterations than that give smaller photographs, nor fewer Gaussians at the same size.
+iterations are reduced first: a size fits if it leaves time for half of those requested. With a budget of time, a number
+of iterations above the run's default counts as the default: a huge number means "as many as fit". So neither a larger
+budget nor more iterations than that give smaller photographs, nor fewer Gaussians at the same size.
 """
 
 from __future__ import annotations

@@ -17,17 +17,20 @@ from pocketgs.training.progress import MAX_EVALUATED
 
 MEGA = 1e6
 
-DECODED_MEGAPIXEL = 0.03
-FEATURES_MEGAPIXEL = 0.2
-MATCHED_PAIR = 0.01
+# Seconds on two cores of the machine of `calibration.STEP_SECONDS`, fitted to the stages' times in `run.json` of runs
+# there. `calibration` measures how fast this machine is beside it.
+DECODED_MEGAPIXEL, FEATURES_MEGAPIXEL, MATCHED_PAIR = 0.03, 0.2, 0.01
+"""Seconds per million pixels of photographs, as stored and as features are detected on, and per pair of views."""
+
 ADJUSTED_VIEW, ADJUSTED_CUBE = 0.1, 1e-7
 """Seconds per view, and per cube of their number: some 30 systems of equations are solved for all cameras at once."""
 
-SWEPT_MEGAPIXEL = 0.5
-SWEPT_MEGAPIXEL_AND_SOURCE = 0.25
-MERGED_MILLION = 0.6
-HULL_MILLION_AND_VIEW = 0.2
-SEEDED_MILLION = 5.0
+SWEPT_MEGAPIXEL, SWEPT_MEGAPIXEL_AND_SOURCE = 0.5, 0.25
+"""Seconds per million pixels of keyframes, and as many again for each source view."""
+
+MERGED_MILLION, HULL_MILLION_AND_VIEW, SEEDED_MILLION = 0.6, 0.2, 5.0
+"""Seconds per million candidate points to merge, per million and view to check against alpha; per million Gaussians."""
+
 STEP_MILLION, STEP_MILLION_COLUMNS, STEP_MEGAPIXEL = 0.3, 0.003, 0.07
 """Seconds of a step per million Gaussians, per million of their parameters, and per million pixels."""
 
@@ -38,6 +41,7 @@ EVALUATED_VIEW, EVALUATED_MEGAPIXEL = 0.02, 2.0
 """Seconds per held-out view at the end: rendering, metrics, and writing an image."""
 
 WRITTEN, WRITTEN_MILLION = 0.2, 3.0
+"""Seconds to write a result, and per million Gaussians in it."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""The schedules of a run: its recipe, its learning rates and length, and its number of Gaussians."""
+"""What a run follows: its recipe, learning rates, pace, strategy and dropout."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from pocketgs.training.strategies.strategy import GrowthPlan, Strategy, Strategy
 
 
 @dataclass(frozen=True)
-class Schedules:
-    """The schedules of a run.
+class RunSetup:
+    """What a run follows.
 
     Attributes:
         recipe: of the loss and the optimiser.
@@ -36,14 +36,14 @@ class Schedules:
     dropout: float
 
 
-def schedules_of(
+def set_up(
     capture: PreparedCapture,
     points: PointCloud,
     options: SizedOptions,
     seconds: float | None,
     resume: Checkpoint | None,
-) -> Schedules:
-    """The schedules of a run.
+) -> RunSetup:
+    """Choose what a run follows.
 
     Args:
         capture: to train on.
@@ -61,7 +61,7 @@ def schedules_of(
     pace = _pace(capture, options, recipe, rates, seconds, resume)
     growth = pace if isinstance(pace, OpenEndedPace) else None
     strategy = create_strategy(options.strategy, _context(capture, points, options, recipe, iterations, growth))
-    return Schedules(recipe, rates, pace, strategy, dropout)
+    return RunSetup(recipe, rates, pace, strategy, dropout)
 
 
 def _pace(
@@ -73,11 +73,11 @@ def _pace(
     resume: Checkpoint | None,
 ) -> OpenEndedPace | SetPace:
     """As long as training pays, or as long as the options say."""
-    course = resume.course if resume else None
+    history = resume.history if resume else None
     if options.open_ended:
         least, most, gaussians = options.least_iterations, options.iterations, options.max_gaussians
-        return OpenEndedPace(least, most, seconds, rates, capture.train, capture.background, gaussians, course)
-    return SetPace(options.iterations, seconds, recipe.schedule, rates, len(capture.train), course)
+        return OpenEndedPace(least, most, seconds, rates, capture.train, capture.background, gaussians, history)
+    return SetPace(options.iterations, seconds, recipe.schedule, rates, len(capture.train), history)
 
 
 def _context(
