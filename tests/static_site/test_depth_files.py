@@ -20,8 +20,8 @@ from PIL import Image
 from playwright.sync_api import Error
 
 from pocketgs.capture.decoding.depth_file import read_depth
+from pocketgs.capture.frame_parts import reliable_depth
 from pocketgs.capture.listing import FrameSource
-from pocketgs.capture.loading import reliable_depth
 from pocketgs.geometry.camera import Camera
 
 Call = Callable[..., Any]

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from playwright.sync_api import Browser, Route, expect
+from playwright.sync_api import Browser, Page, Route, expect
 
 from pocketgs.site.write import write_site
 from static_site.hosting import Host, hosting
@@ -82,6 +82,22 @@ def test_a_run_takes_the_place_of_the_one_before(call: Call) -> None:
         ["full", None, 0],
     ]
     assert left == 0
+
+
+TOLD_FIRST = """async () => {
+    const worker = new Worker(new URL("worker.js", location.href), { type: "module" });
+    const told = [];
+    await new Promise((resolve) => {
+        worker.addEventListener("message", ({ data: { type } }) => type === "settings" ? resolve() : told.push(type));
+    });
+    worker.terminate();
+    return told;
+}"""
+
+
+def test_the_kept_run_is_known_before_anything_can_begin(modules: Page) -> None:
+    """A capture that was dropped early begins with the settings, and must not take its place unasked."""
+    assert "kept" in modules.evaluate(TOLD_FIRST)
 
 
 BEGIN = """async (version) => {

@@ -12,11 +12,12 @@ import pytest
 
 from pocketgs.capture import Capture
 from pocketgs.capture.frame_edits import size_after
-from pocketgs.capture.loading import composite
+from pocketgs.capture.frame_parts import composite
 from pocketgs.capture.synthetic import true_capture
 from pocketgs.capture.undistortion import undistortion
 from pocketgs.geometry.camera import Camera
 from pocketgs.geometry.lens import Lens
+from pocketgs.prior.cloud.visual_hull import outside_hull
 from pocketgs.prior.cloud.volume import draw_points
 from pocketgs.scene.morton import morton_order
 from pocketgs.scene.point_cloud import PointCloud
@@ -26,6 +27,7 @@ from pocketgs.splat.settings import StepSettings
 from pocketgs.splat.webgpu.frame_values import update_values
 from pocketgs.splat.webgpu.photographs import Shelf
 from pocketgs.splat.webgpu.scene_columns import from_columns
+from pocketgs.training import recipes
 from pocketgs.training.dropout import dropout_of_step, dropout_share, views_per_point
 from pocketgs.training.recipes import RECIPES, pixel_footprint
 from pocketgs.training.view_choice import view_of_step
@@ -141,6 +143,27 @@ def test_points_are_drawn_where_photographs_agree(call: Call, capture: Capture, 
     np.testing.assert_allclose(colours[same], expected.colours[same], atol=1e-6)
 
 
+@pytest.mark.parametrize("lost", [False, True])
+def test_the_visual_hull(call: Call, capture: Capture, lost: bool) -> None:
+    """Frames without alpha have no say, and neither has one whose object was cut away too."""
+    rows, columns = np.mgrid[0:48, 0:64]
+    disc = np.where(np.hypot(rows - 24, columns - 32) < 18, 255, 0).astype(np.uint8)
+    frames = [capture.train[0], *(replace(frame, alpha=disc) for frame in capture.train[1:])]
+    if lost:
+        frames.append(replace(frames[1], alpha=np.where(columns < 3, disc, 0).astype(np.uint8)))
+    assert capture.points is not None
+    points = np.repeat(capture.points.positions.astype(np.float64), 3, axis=0)
+    points += np.random.default_rng(0).normal(0.0, 0.3, points.shape)
+    script = """
+        const frames = given.frames.map((frame) => ({...frame, rgba: Uint8ClampedArray.from(frame.rgba)}));
+        return [...module.outsideHull(Float64Array.from(given.points), frames, settings.volume.judging_points)];
+    """
+    found = call("seeding/visual_hull.js", script, {"points": points.ravel().tolist(), "frames": plain_frames(frames)})
+    expected = outside_hull(points, frames)
+    np.testing.assert_array_equal(found, expected)
+    assert 0.1 < expected.mean() < 0.9
+
+
 @pytest.mark.parametrize("iterations", [40, 500, 2500])
 def test_rates(call: Call, capture: Capture, iterations: int) -> None:
     recipe = RECIPES[RECIPE]
@@ -148,7 +171,7 @@ def test_rates(call: Call, capture: Capture, iterations: int) -> None:
     cameras = [frame.camera for frame in capture.train]
     unit = pixel_footprint(cameras, capture.points)
     script = """
-        const unit = module.pixelFootprint(given.cameras, Float64Array.from(given.positions));
+        const unit = module.pixelFootprint(given.cameras, Float64Array.from(given.positions), 1e6);
         const initial = module.initialRates(settings.recipe, given.iterations, unit);
         return given.shares.map((share) => module.ratesAt(initial, settings.recipe.schedule, share));
     """
@@ -162,6 +185,27 @@ def test_rates(call: Call, capture: Capture, iterations: int) -> None:
     initial = recipe.rates_for(iterations, unit)
     for share, found in zip(shares, call("training/rates.js", script, given), strict=True):
         assert found == pytest.approx(asdict(recipe.schedule(initial, share)), rel=1e-3)
+
+
+@pytest.mark.parametrize("most", [150, 1000, recipes.MOST_DEPTHS])
+def test_the_footprint_of_a_pixel_in_bounded_memory(
+    call: Call, capture: Capture, most: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(recipes, "MOST_DEPTHS", most)
+    assert capture.points is not None
+    cameras = [frame.camera for frame in capture.train]
+    script = """
+        const positions = Float64Array.from(given.positions);
+        return [module.pixelFootprint(given.cameras, positions, given.most), settings.recipe.most_depths];
+    """
+    given = {
+        "cameras": [plain(camera) for camera in cameras],
+        "positions": capture.points.positions.reshape(-1).tolist(),
+        "most": most,
+    }
+    footprint, stated = call("training/rates.js", script, given)
+    assert footprint == pytest.approx(pixel_footprint(cameras, capture.points), rel=1e-9)
+    assert stated == 10_000_000
 
 
 def test_dropout(call: Call, capture: Capture) -> None:

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator
 
 import pytest
-from playwright.sync_api import Browser, Dialog, expect
+from playwright.sync_api import Browser, Dialog, Route, expect
 
 from static_site.hosting import Host
 from viewer.browsing import Visit, visiting
@@ -182,6 +182,22 @@ def test_what_listeners_and_keyboards_follow(visit: Visit) -> None:
 def test_any_file_can_be_chosen_as_an_archive(visit: Visit) -> None:
     """Phones that know no type for .r3d would offer no such file."""
     assert visit["#archive-input"].get_attribute("accept") is None
+
+
+def test_what_is_dropped_while_the_page_loads_waits(browser: Browser, host: Host) -> None:
+    held: list[Route] = []
+    with visiting(browser, "about:blank", 844, 640) as visit:
+        visit.page.context.route("**/worker.js", lambda route: held.append(route))
+        visit.page.goto(host.address)
+        visit.drop("endless.zip", b"")
+        visit.page.wait_for_timeout(500)
+        expect(visit["#start"]).to_be_hidden()
+        expect(visit["#message"]).to_be_hidden()
+        [route] = held
+        route.fulfill(body=WORKER, content_type="text/javascript")
+        expect(visit["#title"]).to_have_text("endless")
+        visit["#message-close"].click()
+        visit["#cancel"].click(timeout=2000, trial=True)
 
 
 def save_ply(visit: Visit) -> None:

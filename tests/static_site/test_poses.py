@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from pocketgs.capture.capture import Frame
 from pocketgs.capture.synthetic import true_capture
 from pocketgs.geometry.camera import Camera
+from pocketgs.prior import exposure
 from pocketgs.prior.bundle.adjustment import adjust_bundle, adjust_pose
 from pocketgs.prior.bundle.cpu.equations import CpuLinearizer
 from pocketgs.prior.exposure import compensated, exposure_gains, needs_compensation
@@ -27,7 +28,7 @@ from pocketgs.prior.poses.photometric import correlations
 from pocketgs.prior.poses.refinement import refine
 from pocketgs.prior.poses.robust_adjustment import RobustAdjustment
 from pocketgs.prior.poses.structure import Structure, StructureSettings, _agreeing
-from pocketgs.prior.poses.suspects import contradicted, strangers
+from pocketgs.prior.poses.suspects import contradicted, unmatched_views
 from pocketgs.prior.poses.tolerance import FINEST, MIN_ANGLE, measured_tolerance, widest_tolerance
 from pocketgs.prior.scale import Scale, estimate_scale
 from static_site.given import TYPED, plain, plain_frames
@@ -170,7 +171,7 @@ def test_wrong_poses(call: Call, walk: Walk) -> None:
         const { suspects } = settings.prior;
         return [
             module.contradicted(given.cameras, features, matches, given.tolerance, suspects),
-            module.strangers(given.cameras, features, matches, given.distance, suspects),
+            module.unmatchedViews(given.cameras, features, matches, given.distance, suspects),
         ];
     """
     lone = 7
@@ -188,7 +189,7 @@ def test_wrong_poses(call: Call, walk: Walk) -> None:
         found = call("prior/poses/suspects.js", script, given)
         expected = [
             contradicted(cameras, walk.features, matches, 4.0),
-            strangers(cameras, walk.features, matches, walk.scale.distance),
+            unmatched_views(cameras, walk.features, matches, walk.scale.distance),
         ]
         assert found == [flags.tolist() for flags in expected]
         assert np.flatnonzero(found[0]).tolist() == wrong
@@ -351,11 +352,10 @@ def jumping(frames: Sequence[Frame]) -> list[Frame]:
     ]
 
 
-def test_exposure(call: Call, walk: Walk) -> None:
-    script = (
-        TYPED
-        + OBSERVED
-        + """
+EXPOSED = (
+    TYPED
+    + OBSERVED
+    + """
         const frames = framesOf(given.frames);
         const structure = {
             cameras: given.frames.map(({ camera }) => camera),
@@ -363,22 +363,23 @@ def test_exposure(call: Call, walk: Walk) -> None:
             observations: observed(given.observations),
         };
         const { exposure } = settings.prior;
-        const gains = module.exposureGains(frames, structure, given.distance, exposure);
-        const needs = [gains, gains.map(() => [1, 1, 1])].map((one) => {
-            return module.needsCompensation(structure.cameras, one, given.distance, exposure);
-        });
-        const [, evened] = module.compensated(frames, given.gains, exposure);
-        const few = module.exposureGains(frames, structure, given.distance, { ...exposure, min_points: 1e6 });
-        return [gains, needs, [...evened.rgba], few];
     """
-    )
+)
+"""The arguments of `exposureGains`, from what `plain_exposed` gives."""
+
+
+def plain_exposed(frames: Sequence[Frame], structure: Structure, scale: Scale) -> dict[str, Any]:
+    return {
+        "frames": plain_frames(frames),
+        "points": structure.points.reshape(-1).tolist(),
+        "observations": plain_observations(structure.observations),
+        "distance": scale.distance,
+    }
+
+
+def jumping_walk(walk: Walk) -> tuple[list[Frame], Structure]:
+    """Five photographs of a walk that jump in exposure, and the points that they see."""
     frames = [replace(frame, camera=camera) for frame, camera in zip(jumping(walk.frames), walk.true, strict=True)]
-    mask = np.ones((120, 160), bool)
-    mask[:, :40] = False
-    frames[3] = replace(frames[3], mask=mask)
-    near_white = frames[1].image.copy()
-    near_white[:16, :160] = np.arange(240, 256, dtype=np.uint8)[:, None, None]
-    frames[1] = replace(frames[1], image=near_white)
     tracks, _ = link(walk.features, walk.matches)
     points, seen = _agreeing(walk.true, tracks, 2.0)
     structure = Structure(
@@ -391,16 +392,32 @@ def test_exposure(call: Call, walk: Walk) -> None:
         tolerance=2.0,
         refined=False,
         adjusted=False,
-    ).of(frames[:5])
-    frames = frames[:5]
+    )
+    return frames[:5], structure.restricted_to(frames[:5])
+
+
+def test_exposure(call: Call, walk: Walk) -> None:
+    script = (
+        EXPOSED
+        + """
+        const gains = module.exposureGains(frames, structure, given.distance, exposure);
+        const needs = [gains, gains.map(() => [1, 1, 1])].map((one) => {
+            return module.needsCompensation(structure.cameras, one, given.distance, exposure);
+        });
+        const [, evened] = module.compensated(frames, given.gains, exposure);
+        const few = module.exposureGains(frames, structure, given.distance, { ...exposure, min_points: 1e6 });
+        return [gains, needs, [...evened.rgba], few];
+    """
+    )
+    frames, structure = jumping_walk(walk)
+    mask = np.ones((120, 160), bool)
+    mask[:, :40] = False
+    frames[3] = replace(frames[3], mask=mask)
+    near_white = frames[1].image.copy()
+    near_white[:16, :160] = np.arange(240, 256, dtype=np.uint8)[:, None, None]
+    frames[1] = replace(frames[1], image=near_white)
     expected = exposure_gains(frames, structure, walk.scale)
-    given = {
-        "frames": plain_frames(frames),
-        "points": structure.points.reshape(-1).tolist(),
-        "observations": plain_observations(structure.observations),
-        "distance": walk.scale.distance,
-        "gains": expected.tolist(),
-    }
+    given = {**plain_exposed(frames, structure, walk.scale), "gains": expected.tolist()}
     gains, needs, evened, few = call("prior/exposure.js", script, given)
     assert np.ptp(expected) > 0.15
     np.testing.assert_allclose(gains, expected, atol=0.01)
@@ -414,3 +431,25 @@ def test_exposure(call: Call, walk: Walk) -> None:
     assert any(np.array_equal(expected[2], other) for other in np.delete(expected, 2, axis=0))
     gains, *_ = call("prior/exposure.js", script, {**given, "frames": plain_frames(frames)})
     np.testing.assert_allclose(gains, expected, atol=0.01)
+
+
+def test_exposure_of_a_part_of_the_points(call: Call, walk: Walk, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Both draw the same ones."""
+    script = (
+        EXPOSED
+        + """
+        const { most, least } = given;
+        const few = { ...exposure, most_points: most, min_points: least };
+        return [module.exposureGains(frames, structure, given.distance, few), exposure.most_points];
+    """
+    )
+    frames, structure = jumping_walk(walk)
+    whole, most, least = exposure_gains(frames, structure, walk.scale), 60, 5
+    monkeypatch.setattr(exposure, "MIN_POINTS", least)
+    monkeypatch.setattr(exposure, "MOST_POINTS", most)
+    expected = exposure_gains(frames, structure, walk.scale)
+    given = {**plain_exposed(frames, structure, walk.scale), "most": most, "least": least}
+    gains, stated = call("prior/exposure.js", script, given)
+    assert np.abs(expected - whole).max() > 0.01
+    np.testing.assert_allclose(gains, expected, atol=0.005)
+    assert stated == 2000

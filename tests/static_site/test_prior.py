@@ -143,6 +143,18 @@ def test_pixels_without_depth_take_no_place_from_others(call: Call, capture: Cap
     assert counts == [pixels // 2, -(-pixels // 4)]
 
 
+def test_candidates_are_dropped_whole(call: Call) -> None:
+    script = """
+        const some = new module.Candidates(5);
+        [0, 1, 2, 3].forEach((i) => some.add([i, i, i], [i, i, i], [i, i, i], i, i, i));
+        some.drop(Uint8Array.of(1, 0, 1, 0));
+        const rows = [some.positions, some.colours, some.directions].map((all) => [...all.subarray(0, 6)]);
+        const values = [some.footprints, some.details, some.confidences].map((all) => [...all.subarray(0, 2)]);
+        return [some.count, rows, values];
+    """
+    assert call("prior/candidates.js", script, None) == [2, [[1, 1, 1, 3, 3, 3]] * 3, [[1, 3]] * 3]
+
+
 def test_training_starts_from_other_points_once_memory_is_full(call: Call, capture: Capture) -> None:
     """Whatever finds it full, and what is cancelled, gives the GPU's memory back."""
     script = (

@@ -11,7 +11,7 @@ from pocketgs.prior import exposure, keyframes, scale, seen_points
 from pocketgs.prior.bundle import levenberg_marquardt, reprojection
 from pocketgs.prior.bundle.adjustment import BundleSettings
 from pocketgs.prior.bundle.cpu.equations import MIN_DIAGONAL
-from pocketgs.prior.cloud import complete, coverage, fuse, merge
+from pocketgs.prior.cloud import complete, coverage, fuse, merge, visual_hull
 from pocketgs.prior.cloud.cpu import merger
 from pocketgs.prior.cloud.detail import DETAIL_SCALE
 from pocketgs.prior.depth import depth_maps, depth_range, sensor_depth
@@ -19,7 +19,7 @@ from pocketgs.prior.depth.source_views import BASELINE_SPREAD, LEAST_PARALLAX, T
 from pocketgs.prior.depth.sweep import MAX_PIXELS, SweepSettings
 from pocketgs.prior.depth.webgpu.layout import MATCHED, MOST_BANDS, USABLE
 from pocketgs.prior.features import features, pairs, two_view
-from pocketgs.prior.features.tracks import REWEIGHTINGS, WIDEST_ANGLE
+from pocketgs.prior.features.tracks import REWEIGHTINGS, WIDEST_AXES_ANGLE
 from pocketgs.prior.features.webgpu import layout
 from pocketgs.prior.poses import (
     absolute_pose,
@@ -57,7 +57,7 @@ def _sparse_points() -> dict[str, Any]:
         "pairs": {
             "ranks": list(pairs.RANKS_BY_POSE),
             "steps": list(pairs.STEPS_IN_SEQUENCE),
-            "widest_angle": float(WIDEST_ANGLE),
+            "widest_angle": float(WIDEST_AXES_ANGLE),
             "max_similar": pairs.MAX_SIMILAR,
             "words": pairs.WORDS,
         },
@@ -167,6 +167,7 @@ def _exposure() -> dict[str, Any]:
             "settled": exposure.SETTLED,
             "min_points": exposure.MIN_POINTS,
             "enough_points": exposure.ENOUGH_POINTS,
+            "most_points": exposure.MOST_POINTS,
             "neighbours": exposure.NEIGHBOURS,
             "min_variation": exposure.MIN_VARIATION,
             "predictable": exposure.PREDICTABLE,
@@ -183,7 +184,7 @@ def _keyframes() -> dict[str, Any]:
             "neighbouring_frames": keyframes.NEIGHBOURING_FRAMES,
             "hidden": keyframes.HIDDEN,
             "coarser": keyframes.COARSER,
-            "widest_angle": float(keyframes.WIDEST_ANGLE),
+            "widest_angle": float(keyframes.WIDEST_VIEWING_ANGLE),
             "max_views": keyframes.MAX_VIEWS,
             "least_parallax": LEAST_PARALLAX,
             "copied": keyframes.COPIED,
@@ -246,6 +247,7 @@ def _cloud() -> dict[str, Any]:
             **asdict(fuse.FusionSettings()),
             "shell_extent": fuse.SHELL_EXTENT,
             "max_candidates": fuse.MAX_CANDIDATES,
+            "judging_points": visual_hull.JUDGING_POINTS,
             "detail_scale": DETAIL_SCALE,
         },
         "merging": {
@@ -262,7 +264,7 @@ def _cloud() -> dict[str, Any]:
         "coverage": {
             "cells": coverage.CELLS,
             "neighbours": coverage.NEIGHBOURS,
-            "widest_angle": float(coverage.WIDEST_ANGLE),
+            "widest_angle": float(coverage.WIDEST_COVERED_ANGLE),
             "largest": coverage.LARGEST,
             "missing_share": complete.MISSING_SHARE,
             "max_added_share": complete.MAX_ADDED_SHARE,

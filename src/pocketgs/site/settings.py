@@ -19,8 +19,8 @@ from pocketgs.capture.formats.transforms_file import (
     LENSES_OF_INSTANT_NGP,
     PERSPECTIVE_MODELS,
 )
+from pocketgs.capture.frame_parts import ASPECT_TOLERANCE, PLANE_ASPECT_TOLERANCE
 from pocketgs.capture.hold_out import FEWEST_TO_HOLD_OUT, HOLD_OUT_EVERY
-from pocketgs.capture.loading import ASPECT_TOLERANCE, PLANE_ASPECT_TOLERANCE
 from pocketgs.capture.masks import FOLDERS
 from pocketgs.capture.named_images import DEEPEST
 from pocketgs.capture.origin import FAR, METRIC_EXTENT, ONE_POINT
@@ -37,7 +37,7 @@ from pocketgs.capture.unposed import POSED_RECORD, USUAL_FOLDER
 from pocketgs.files.paths import OTHER_PICTURES
 from pocketgs.geometry.camera_geometry import GUESSED_DISTANCE, MIN_CONVERGENCE
 from pocketgs.geometry.lens import MAX_HALF_FIELD, MAX_STEP
-from pocketgs.prior.cloud import volume
+from pocketgs.prior.cloud import visual_hull, volume
 from pocketgs.scene.formats import pgs_rounding
 from pocketgs.scene.formats.pgs_coding import FINE
 from pocketgs.scene.formats.spz_arrangement import AXES, RENAMINGS
@@ -63,7 +63,7 @@ from pocketgs.training.dropout import ENOUGH_VIEWS, FEW_VIEWS, MOST_POINTS
 from pocketgs.training.options import TrainingOptions
 from pocketgs.training.planning.effort import QUICK_GAUSSIANS, QUICK_ITERATIONS
 from pocketgs.training.preparation import MIN_POINTS
-from pocketgs.training.recipes import RECIPES, SLOWEST_SCALES, Recipe, Schedule
+from pocketgs.training.recipes import MOST_DEPTHS, RECIPES, SLOWEST_SCALES, Recipe, Schedule
 
 RECIPE = "pocketgs"
 
@@ -178,6 +178,7 @@ def _volume() -> dict[str, Any]:
         "patch": volume.PATCH.tolist(),
         "kept": volume.KEPT,
         "min_points": volume.MIN_POINTS,
+        "judging_points": visual_hull.JUDGING_POINTS,
         "min_convergence": MIN_CONVERGENCE,
         "guessed_distance": GUESSED_DISTANCE,
     }
@@ -204,6 +205,7 @@ def _recipe(recipe: Recipe) -> dict[str, Any]:
         "schedule": _sampled(recipe.schedule),
         "scales_for": recipe.scales_for,
         "slowest_scales": SLOWEST_SCALES,
+        "most_depths": MOST_DEPTHS,
         "loss": asdict(recipe.loss),
         "adam": asdict(recipe.adam),
         "opacity": recipe.opacity,
@@ -223,4 +225,5 @@ def _sampled(schedule: Schedule) -> dict[str, list[float]]:
     names = [field.name for field in fields(LearningRates)]
     ones = LearningRates(*[1.0] * len(names))
     samples = [asdict(schedule(ones, progress)) for progress in np.linspace(0.0, 1.0, SCHEDULE_SAMPLES + 1).tolist()]
-    return {name: [rates[name] for rates in samples] for name in names}
+    # More decimals would make the site larger, and the interpolation no better.
+    return {name: [round(rates[name], 7) for rates in samples] for name in names}

@@ -46,12 +46,17 @@ let asking = null;
 /** Whether the kept run, as far as it is known, has been saved. */
 let isKeptSaved = false;
 
+let onSettings;
+/** Fulfilled once the fields have their values. */
+const settled = new Promise((resolve) => (onSettings = resolve));
+
 const handlers = {
     settings: ({ run, plan }) => {
         element("iterations").value = run.iterations;
         element("gaussians").value = run.gaussians;
         element("budget").value = plan.most_memory;
         element("start").hidden = false;
+        onSettings();
     },
     kept: ({ found }) => {
         kept = found;
@@ -102,7 +107,8 @@ worker.addEventListener("error", (event) => {
     showMessage(`The page could not be loaded: ${event.message ?? "the server did not answer"}`);
 });
 
-listenForCaptures((picked) => {
+listenForCaptures(async (picked) => {
+    await settled; // what is dropped while the page loads begins then
     if (isTraining) {
         showMessage("A capture is being trained: stop it first.");
         return;

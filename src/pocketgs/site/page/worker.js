@@ -207,8 +207,8 @@ function openKept() {
         };
         KeptRun.open(version, onWait).then((opened) => {
             kept = opened;
-            resolve();
-            return tellOfKept();
+            // Before the settings, for which a capture may wait: it would take the kept run's place unasked.
+            return tellOfKept().finally(resolve);
         });
     });
 }

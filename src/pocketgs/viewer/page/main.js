@@ -11,6 +11,7 @@ import { connectToolbar } from "./controls/toolbar.js";
 import { PointRenderer } from "./drawing/point_renderer.js";
 import { Renderer } from "./drawing/renderer.js";
 import { SceneView } from "./drawing/scene_view.js";
+import { element } from "./element.js";
 import { TOO_OPAQUE } from "./formats/antialiased.js";
 import { fetchScene, readScene } from "./formats/scene_file.js";
 import { throttled } from "./live/throttle.js";
@@ -23,14 +24,14 @@ import { sizeOf } from "./size_text.js";
 const USUAL_UP = [0, -1, 0];
 
 async function start() {
-    const canvas = document.getElementById("canvas");
+    const canvas = element("canvas");
     const open = () => Renderer.open(canvas, showMessage);
     // Shaders are compiled while the scene loads.
     const opening = open();
     opening.catch(() => {});
     const viewer = await fetchViewer();
     showTitle(viewer.title);
-    const points = new PointRenderer(document.getElementById("points"));
+    const points = new PointRenderer(element("points"));
     const view = new SceneView(canvas, points, {
         onStatistics: showStatistics,
         onNote: showNote,
@@ -51,7 +52,7 @@ async function start() {
 
 function showTitle(title) {
     document.title = `${title} – PocketGS`;
-    document.getElementById("title").textContent = title;
+    element("title").textContent = title;
 }
 
 async function fetchViewer() {
@@ -150,11 +151,11 @@ function follow(view, cameras) {
 
 function showStatistics({ count, compositor, bytes, milliseconds }) {
     const parts = [`${count.toLocaleString("en")} splats`, compositor, bytes && sizeOf(bytes), timeOf(milliseconds)];
-    document.getElementById("stats").textContent = parts.filter(Boolean).join(" · ");
+    element("stats").textContent = parts.filter(Boolean).join(" · ");
 }
 
 function showNote(text) {
-    document.getElementById("note").textContent = text;
+    element("note").textContent = text;
 }
 
 function timeOf(milliseconds) {

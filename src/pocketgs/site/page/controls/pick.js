@@ -5,6 +5,7 @@
  */
 
 import { listenForDrops } from "../../page/controls/dropping.js";
+import { element } from "../../page/element.js";
 
 /** @typedef {import("../worker.js").Picked} Picked */
 
@@ -23,8 +24,8 @@ export function listenForCaptures(onPicked, onFault) {
     });
     // Any file can be chosen: iPhones have no type for .r3d, and would not offer such files.
     for (const kind of ["archive", "folder"]) {
-        const input = document.getElementById(`${kind}-input`);
-        document.getElementById(`choose-${kind}`).addEventListener("click", () => input.click());
+        const input = element(`${kind}-input`);
+        element(`choose-${kind}`).addEventListener("click", () => input.click());
         input.addEventListener("change", () => {
             pick([...input.files].map(asFound), onPicked);
             input.value = "";

@@ -41,4 +41,16 @@ export class Candidates {
         this.confidences[this.count] = confidence;
         this.count++;
     }
+
+    /** Leave some out. @param {Uint8Array} unwanted (count,) 1 for these */
+    drop(unwanted) {
+        const kept = Uint32Array.from(unwanted.keys()).filter((i) => !unwanted[i]);
+        for (const rows of [this.positions, this.colours, this.directions]) {
+            kept.forEach((from, to) => rows.copyWithin(3 * to, 3 * from, 3 * from + 3));
+        }
+        for (const values of [this.footprints, this.details, this.confidences]) {
+            kept.forEach((from, to) => (values[to] = values[from]));
+        }
+        this.count = kept.length;
+    }
 }

@@ -6,7 +6,7 @@
  */
 
 import { rayOf } from "../capture/camera.js";
-import { spread } from "../numbers/evenly.js";
+import { evenlyChosen } from "../numbers/evenly.js";
 import { selected } from "../seeding/points.js";
 import { add, normalised } from "../../page/scene/vectors.js";
 import { pointRadii } from "./coverage.js";
@@ -40,16 +40,16 @@ export function completion(cloud, views, sources, distance, count, settings) {
     let room = Math.max(Math.trunc(settings.max_added_share * count), count - fused);
     const found = [];
     for (const all of sources) {
-        const source = selected(all, spread(all.positions.length / 3, settings.max_source));
+        const source = selected(all, evenlyChosen(all.positions.length / 3, settings.max_source));
         const bare = views.uncoveredShare(depths, source.positions);
         const missing = Array.from(bare, (_, i) => i).filter((i) => bare[i] > settings.missing_share);
-        const more = selected(source, spread(missing.length, room).map((i) => missing[i]));
+        const more = selected(source, evenlyChosen(missing.length, room).map((i) => missing[i]));
         views.cover(depths, more, radiiOf(more));
         found.push(more);
         room -= more.positions.length / 3;
     }
     const guesses = guessed(views, depths, distance);
-    const some = selected(guesses, spread(guesses.positions.length / 3, room));
+    const some = selected(guesses, evenlyChosen(guesses.positions.length / 3, room));
     views.cover(depths, some, radiiOf(some));
     return { added: joined([...found, some]), covered: views.share(depths) };
 }

@@ -7,7 +7,7 @@
 
 import { centreOf, rayOf } from "../capture/camera.js";
 import { add } from "../../page/scene/vectors.js";
-import { spread } from "../numbers/evenly.js";
+import { evenlyChosen } from "../numbers/evenly.js";
 import { depthsOf, narrowed, wideRange } from "./depth_range.js";
 import { cameraWithin, frameWithin } from "./photographs.js";
 import { completed } from "./sensor_depth.js";
@@ -66,7 +66,7 @@ export async function depthMap(keyframe, frames, points, distance, most, setting
 export function representative(camera, points, distance, { min_points: fewest, max_points: most, grid }) {
     const count = points.length / 3;
     if (count >= fewest) {
-        return Float64Array.from(spread(count, most).flatMap((i) => [...points.subarray(3 * i, 3 * i + 3)]));
+        return Float64Array.from(evenlyChosen(count, most).flatMap((i) => [...points.subarray(3 * i, 3 * i + 3)]));
     }
     const centre = centreOf(camera);
     const places = Array.from({ length: grid ** 2 }, (_, i) => [(i % grid) + 0.5, Math.floor(i / grid) + 0.5]);

@@ -9,6 +9,7 @@ import { isInImage, projected } from "../capture/camera.js";
 import { mirrored } from "../numbers/mirrored.js";
 import { medianOf } from "../numbers/quantiles.js";
 import { roundedToEven } from "../numbers/rounding.js";
+import { Generator } from "../random/generator.js";
 import { enoughForEachView } from "./features/observations.js";
 import { sortedBy, viewDistances } from "./features/pairs.js";
 
@@ -75,10 +76,14 @@ function coloursOfPoints(frames, { cameras, points, observations }, distance, se
     const seenBy = cameras.map(() => []);
     observations.frame.forEach((view, i) => wanted[observations.point[i]] && seenBy[view].push(observations.point[i]));
     const apart = viewDistances(cameras, cameras, distance);
+    // Drawn at random, since a point tells nothing if only one photograph draws it.
+    const random = new Generator(0);
     return frames.map((frame, i) => {
         const similar = sortedBy(apart[i]).slice(0, settings.neighbours);
-        const visible = [...new Set(similar.flatMap((view) => seenBy[view]))];
-        return visible.flatMap((point) => {
+        const visible = [...new Set(similar.flatMap((view) => seenBy[view]))].sort((a, b) => a - b);
+        const drawn = [...random.permutation(visible.length).subarray(0, settings.most_points)];
+        return drawn.flatMap((place) => {
+            const point = visible[place];
             const colour = colourAt(frame, cameras[i], points.subarray(3 * point, 3 * point + 3), settings);
             return colour ? [{ point, colour: colour.map(Math.log) }] : [];
         });

@@ -7,7 +7,7 @@
 import { centreOf, rayOf } from "../capture/camera.js";
 import { medianOf } from "../numbers/quantiles.js";
 import { meanOf } from "../seeding/focus.js";
-import { isOutsideHull, transparentOnes } from "../seeding/visual_hull.js";
+import { outsideHull } from "../seeding/visual_hull.js";
 import { add, dot, length, normalised, subtract } from "../../page/scene/vectors.js";
 import { Candidates } from "./candidates.js";
 import { detailOf } from "./detail.js";
@@ -31,7 +31,7 @@ import { frameWithin } from "./photographs.js";
  * @returns {Promise<Candidates>}
  */
 export async function fuse(keyframes, views, frames, settings, stereo) {
-    const [shell, transparent] = [farShell(views, settings), transparentOnes(frames)];
+    const shell = farShell(views, settings);
     const known = views.reduce((sum, { map }) => sum + map.depth.reduce((count, depth) => count + (depth !== 0), 0), 0);
     const pixels = views.reduce((sum, { map }) => sum + map.depth.length, 0);
     const stride = Math.max(1, Math.ceil(known / mostCandidates(pixels, settings)));
@@ -40,9 +40,11 @@ export async function fuse(keyframes, views, frames, settings, stereo) {
     for await (const confirmed of stereo.compare(views, settings)) {
         const { camera } = views[view];
         const keyframe = frameWithin(keyframes[view], camera.width * camera.height);
-        addBelieved(candidates, keyframe, views[view].map, confirmed, stride, shell, transparent, settings);
+        addBelieved(candidates, keyframe, views[view].map, confirmed, stride, shell, settings);
         view++;
     }
+    const found = candidates.positions.subarray(0, 3 * candidates.count);
+    candidates.drop(outsideHull(found, frames, settings.judging_points));
     return candidates;
 }
 
@@ -52,7 +54,7 @@ function mostCandidates(pixels, settings) {
 }
 
 /** Add a keyframe's pixels with confidence, or every so many of them. */
-function addBelieved(candidates, keyframe, map, { confidences, footprints }, stride, shell, transparent, settings) {
+function addBelieved(candidates, keyframe, map, { confidences, footprints }, stride, shell, settings) {
     const { camera, rgba } = keyframe;
     const [centre, details] = [centreOf(camera), detailOf(keyframe, settings.detail_scale)];
     let found = 0;
@@ -64,12 +66,10 @@ function addBelieved(candidates, keyframe, map, { confidences, footprints }, str
         const isResolved = map.depth[i] <= 1 / map.step;
         const depth = isResolved ? map.depth[i] : depthOnShell(centre, ray, shell);
         const position = add(centre, ray, depth);
-        if (!isOutsideHull(...position, transparent)) {
-            const colour = [0, 1, 2].map((channel) => rgba[4 * i + channel] / 255);
-            const away = normalised(ray).map((value) => -value);
-            const footprint = isResolved ? footprints[i] : depth / camera.fx;
-            candidates.add(position, colour, away, footprint, details[i], confidences[i]);
-        }
+        const colour = [0, 1, 2].map((channel) => rgba[4 * i + channel] / 255);
+        const away = normalised(ray).map((value) => -value);
+        const footprint = isResolved ? footprints[i] : depth / camera.fx;
+        candidates.add(position, colour, away, footprint, details[i], confidences[i]);
     }
 }
 

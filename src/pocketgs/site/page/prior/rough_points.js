@@ -6,7 +6,7 @@
 
 import { centreOf, rayOf } from "../capture/camera.js";
 import { add } from "../../page/scene/vectors.js";
-import { spread } from "../numbers/evenly.js";
+import { evenlyChosen } from "../numbers/evenly.js";
 import { representative } from "./depth_maps.js";
 import { wideRange } from "./depth_range.js";
 import { frameWithin } from "./photographs.js";
@@ -38,7 +38,7 @@ export async function roughPoints(frames, distance, settings, stereo, onProgress
         const sure = Array.from(depth, (_, i) => i).filter((i) => {
             return depth[i] > 0 && margin[i] >= Math.fround(sweep.sure_margin);
         });
-        const some = spread(sure.length, most.max_seen).map((i) => sure[i]);
+        const some = evenlyChosen(sure.length, most.max_seen).map((i) => sure[i]);
         found.push(pointsAt(frame.camera, depth, some));
     }
     return found;

@@ -4,7 +4,7 @@
  * @module
  */
 
-import { spread } from "../numbers/evenly.js";
+import { evenlyChosen } from "../numbers/evenly.js";
 import { selected } from "../seeding/points.js";
 import { placeIn, pointRadii } from "./coverage.js";
 
@@ -17,7 +17,7 @@ import { placeIn, pointRadii } from "./coverage.js";
  * @returns {Float64Array[]} (N, 3) positions
  */
 export function seenPoints(cloud, views, { coverage, seen_points: { max_points: most, max_seen: each, hidden } }) {
-    const some = selected(cloud, spread(cloud.positions.length / 3, most));
+    const some = selected(cloud, evenlyChosen(cloud.positions.length / 3, most));
     const { positions } = some;
     const nearest = views.empty();
     views.cover(nearest, some, pointRadii(positions, coverage.neighbours));
@@ -29,6 +29,6 @@ export function seenPoints(cloud, views, { coverage, seen_points: { max_points: 
                 seen.push(i);
             }
         }
-        return selected({ positions }, spread(seen.length, each).map((i) => seen[i])).positions;
+        return selected({ positions }, evenlyChosen(seen.length, each).map((i) => seen[i])).positions;
     });
 }

@@ -10,7 +10,7 @@ import { add, dot, normalised, subtract } from "../../page/scene/vectors.js";
 import { middleOf } from "../numbers/quantiles.js";
 import { Generator } from "../random/generator.js";
 import { focusPoint, looksAt } from "./focus.js";
-import { isOutsideHull, transparentOnes } from "./visual_hull.js";
+import { outsideHull } from "./visual_hull.js";
 import { PatchCosts } from "./patch_costs.js";
 
 /** @typedef {import("../capture/photograph.js").Frame} Frame */
@@ -35,8 +35,9 @@ export function drawPoints(frames, count, seed, settings) {
     const drawn = frames.flatMap((frame) => {
         return drawFrom(frame, neighboursOf(frame, frames, focus, settings), focus, rays, random, settings);
     });
-    const transparent = transparentOnes(frames);
-    const solid = drawn.filter(({ position }) => !isOutsideHull(...position, transparent));
+    const positions = Float64Array.from(drawn.flatMap(({ position }) => position));
+    const outside = outsideHull(positions, frames, settings.judging_points);
+    const solid = drawn.filter((_, i) => !outside[i]);
     if (solid.length < settings.min_points) {
         throw new Error(`no volume is seen by several of the ${frames.length} cameras: are the poses right?`);
     }

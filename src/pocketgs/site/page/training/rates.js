@@ -5,7 +5,7 @@
  */
 
 import { isInImage, projected } from "../capture/camera.js";
-import { medianOf } from "../numbers/quantiles.js";
+import { middleOf } from "../numbers/quantiles.js";
 
 /** @typedef {Object<string, number>} Rates by the names of `LearningRates` */
 
@@ -45,23 +45,26 @@ export function ratesAt(initial, schedule, progress) {
  *
  * @param {import("../capture/camera.js").Camera[]} cameras
  * @param {Float64Array} positions (N, 3) of the points
+ * @param {number} most how many depths are looked at; of more points, every second one or fewer are taken
  * @returns {number}
  * @throws {Error} no camera sees a point
  */
-export function pixelFootprint(cameras, positions) {
-    const ratios = [];
+export function pixelFootprint(cameras, positions, most) {
+    const points = positions.length / 3;
+    const stride = 1 + Math.floor((cameras.length * points) / most);
+    const ratios = new Float64Array(cameras.length * Math.ceil(points / stride));
+    let seen = 0;
     for (const camera of cameras) {
         const focal = Math.sqrt(camera.fx * camera.fy);
-        for (let i = 0; i < positions.length; i += 3) {
+        for (let i = 0; i < positions.length; i += 3 * stride) {
             const place = projected(camera, positions[i], positions[i + 1], positions[i + 2]);
             if (isInImage(camera, place)) {
-                ratios.push(place[2] / focal);
+                ratios[seen++] = place[2] / focal;
             }
         }
     }
-    if (!ratios.length) {
-        const points = positions.length / 3;
+    if (!seen) {
         throw new Error(`none of the ${cameras.length} cameras sees any of the ${points} points: are the poses right?`);
     }
-    return medianOf(ratios);
+    return middleOf(ratios.subarray(0, seen).sort());
 }

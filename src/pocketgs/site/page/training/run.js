@@ -4,17 +4,14 @@
  * @module
  */
 
-import { resized } from "../capture/camera.js";
 import { mortonOrder } from "../seeding/morton.js";
 import { seedDiscs } from "../seeding/discs.js";
 import { distinctNeighbourhoods } from "../seeding/distinct.js";
 import { selected } from "../seeding/points.js";
 import { sceneOf } from "../storage/kept_run.js";
-import { halved } from "./buffer_sizes.js";
-import { onScreen, psnr } from "./evaluation.js";
 import { dropoutOfStep, dropoutShare, viewsPerPoint } from "./dropout.js";
+import { Pictures } from "./pictures.js";
 import { initialRates, pixelFootprint, ratesAt } from "./rates.js";
-import { PictureError } from "./trainer.js";
 import { ViewOrder } from "./view_order.js";
 
 /**
@@ -39,8 +36,7 @@ import { ViewOrder } from "./view_order.js";
  *
  * @typedef {Object} Listener
  * @property {(progress: Progress) => void} onProgress
- * @property {(picture: {width: number, height: number, rgba: Uint8ClampedArray} | null) => void} onPicture null where
- *     there was no room for it
+ * @property {(picture: import("./pictures.js").Picture | null) => void} onPicture null where there was no room for it
  * @property {(text: string) => void} onComplaint
  * @property {(capture: Capture) => Promise<void>} onBegin called once a new run will not fail for want of memory, and
  *     cannot be cancelled any more
@@ -57,6 +53,7 @@ export class Run {
     #settings;
     #options;
     #listener;
+    #pictures;
     /** @type {Capture | null} until training begins: then the photographs lie on the GPU */
     #capture;
     #heldOut;
@@ -70,7 +67,6 @@ export class Run {
     #isClosed = false;
     #asked = null;
     #wake = () => {};
-    #hasComplained = false;
     #mustKeep = true;
     #kept = 0;
     /** @type {import("./rates.js").Rates} */
@@ -93,6 +89,7 @@ export class Run {
         this.#settings = settings;
         this.#options = options;
         this.#listener = listener;
+        this.#pictures = new Pictures(trainer, listener.onComplaint);
     }
 
     /** Stop after the steps under way, until `resume`. */
@@ -147,7 +144,7 @@ export class Run {
         const { train, background } = this.#capture;
         const { recipe, seeding } = this.#settings;
         const cameras = train.map(({ camera }) => camera);
-        const unit = pixelFootprint(cameras, points.positions);
+        const unit = pixelFootprint(cameras, points.positions, recipe.most_depths);
         const views = viewsPerPoint(cameras, points.positions, recipe.dropout.most_points);
         const order = mortonOrder(Float64Array.from(Float32Array.from(points.positions)), seeding.morton_bits);
         this.#initial = initialRates(recipe, this.#options.iterations, unit);
@@ -191,7 +188,7 @@ export class Run {
     async #finish() {
         this.#capture = null;
         await this.#iterate();
-        await this.#lookAtHeldOut();
+        this.#psnr = await this.#pictures.psnrOf(this.#heldOut);
         this.#report();
         await this.#keep();
         return this.#trainer.download();
@@ -213,7 +210,7 @@ export class Run {
             await this.#trainer.settle();
             this.#spent += performance.now() - began;
             if (this.#iteration % every === 0 && this.#iteration < iterations) {
-                await this.#lookAtHeldOut();
+                this.#psnr = await this.#pictures.psnrOf(this.#heldOut);
             }
             this.#report();
             this.#mustKeep ||= this.#spent > this.#kept + BETWEEN_CHECKPOINTS;
@@ -262,51 +259,7 @@ export class Run {
         if (this.#asked) {
             const camera = this.#asked;
             this.#asked = null;
-            this.#listener.onPicture(await this.#pictureOf(camera));
-        }
-    }
-
-    /** A picture, of half the size where there is no room for a whole one. */
-    async #pictureOf(camera) {
-        const { width, height } = halved(camera);
-        const half = resized(camera, width, height);
-        return (await this.#drawn(camera)) ?? (await this.#drawn(half, "The scene cannot be drawn"));
-    }
-
-    async #drawn(camera, complaint = "") {
-        const rendered = await this.#rendered(camera, complaint);
-        return rendered && { width: camera.width, height: camera.height, rgba: onScreen(rendered) };
-    }
-
-    /** A rendering, or null where there is no room for it: training goes on without. */
-    async #rendered(camera, complaint) {
-        try {
-            return await this.#trainer.render(camera);
-        } catch (error) {
-            if (!(error instanceof PictureError)) {
-                throw error;
-            }
-            this.#complainOnce(complaint, error);
-            return null;
-        }
-    }
-
-    /** Pictures are asked for every second. */
-    #complainOnce(complaint, { message }) {
-        if (complaint && !this.#hasComplained) {
-            this.#hasComplained = true;
-            this.#listener.onComplaint(`${complaint}: ${message}`);
-        }
-    }
-
-    async #lookAtHeldOut() {
-        if (this.#heldOut.length) {
-            let sum = 0;
-            for (const { camera, rgba, mask } of this.#heldOut) {
-                const rendered = await this.#rendered(camera, "The held-out photographs cannot be drawn");
-                sum += rendered ? psnr(rendered, rgba, mask) : NaN;
-            }
-            this.#psnr = Number.isNaN(sum) ? null : sum / this.#heldOut.length;
+            this.#listener.onPicture(await this.#pictures.of(camera));
         }
     }
 

@@ -4,6 +4,7 @@
  * @module
  */
 
+import { element } from "../element.js";
 import { MovingCamera } from "../scene/camera.js";
 import { extentOf } from "../scene/framing.js";
 import { cross, normalised } from "../scene/vectors.js";
@@ -159,13 +160,13 @@ export class CaptureCameras {
         this.#pose = MovingCamera.poseOf(view, this.#target);
         this.#view.goTo(this.#pose, view, atOnce);
         const notes = [view.held_out && ", held out", view.transients && ", red: moved, left out"];
-        document.getElementById("camera-name").textContent = view.name + notes.filter(Boolean).join("");
+        element("camera-name").textContent = view.name + notes.filter(Boolean).join("");
     }
 
     #showButtons() {
-        document.getElementById("previous").disabled = document.getElementById("next").disabled = !this.any;
-        document.getElementById("compare-button").disabled = !this.#views.some((view) => this.#isComparable(view));
-        document.getElementById("camera-name").hidden = !this.any;
+        element("previous").disabled = element("next").disabled = !this.any;
+        element("compare-button").disabled = !this.#views.some((view) => this.#isComparable(view));
+        element("camera-name").hidden = !this.any;
     }
 }
 

@@ -4,19 +4,21 @@
  * @module
  */
 
+import { element } from "../element.js";
+
 /** @typedef {import("../scene/camera.js").MovingCamera} MovingCamera */
 
 /** Covers the part of the canvas that the photograph shows. */
 export class Comparison {
     #camera;
-    #frame = document.getElementById("compare");
-    #photo = document.getElementById("photo");
-    #button = document.getElementById("compare-button");
+    #frame = element("compare");
+    #photo = element("photo");
+    #button = element("compare-button");
 
     /** @param {MovingCamera} camera */
     constructor(camera) {
         this.#camera = camera;
-        const slider = document.getElementById("share");
+        const slider = element("share");
         slider.addEventListener("input", () => this.#frame.style.setProperty("--share", `${slider.value}%`));
         window.addEventListener("resize", () => this.#place());
     }

@@ -4,6 +4,7 @@
  * @module
  */
 
+import { element } from "../element.js";
 import { listenForDrops } from "./dropping.js";
 
 /**
@@ -12,12 +13,12 @@ import { listenForDrops } from "./dropping.js";
  * @param {(file: File) => void} onFile
  */
 export function listenForFiles(onFile) {
-    const input = document.getElementById("file");
+    const input = element("file");
     const takeFirst = (files) => files?.length && onFile(files[0]);
     listenForDrops((transfer) => takeFirst(transfer?.files));
     input.addEventListener("change", () => {
         takeFirst(input.files);
         input.value = "";
     });
-    document.getElementById("open").addEventListener("click", () => input.click());
+    element("open").addEventListener("click", () => input.click());
 }

@@ -4,13 +4,15 @@
  * @module
  */
 
+import { element } from "../element.js";
+
 /**
  * Listen for what is dropped.
  *
  * @param {(transfer: DataTransfer | null) => void} onDrop
  */
 export function listenForDrops(onDrop) {
-    const hint = document.getElementById("drop");
+    const hint = element("drop");
     window.addEventListener("dragover", (event) => {
         event.preventDefault();
         hint.hidden = false;

@@ -4,6 +4,7 @@
  * @module
  */
 
+import { element } from "../element.js";
 import { listenToKeyboard } from "./keyboard.js";
 import { save } from "./saving.js";
 
@@ -22,7 +23,7 @@ const APPEARANCES = ["splats", "points", "discs", "depth"];
  * @param {{onFault: (text: string) => void}} options
  */
 export function connectToolbar(view, cameras, { onFault }) {
-    const help = document.getElementById("help");
+    const help = element("help");
     const actions = {
         previous: () => cameras.go(-1),
         next: () => cameras.go(1),
@@ -37,9 +38,9 @@ export function connectToolbar(view, cameras, { onFault }) {
         },
     };
     for (const [id, action] of Object.entries(actions)) {
-        document.getElementById(id).addEventListener("click", action);
+        element(id).addEventListener("click", action);
     }
-    document.getElementById("full-screen").hidden = !document.fullscreenEnabled;
+    element("full-screen").hidden = !document.fullscreenEnabled;
 
     const appear = (appearance) => chooseAppearance(view, appearance).catch((error) => onFault(error.message));
     for (const button of appearanceButtons()) {
@@ -53,7 +54,7 @@ export function connectToolbar(view, cameras, { onFault }) {
         b: actions.background,
         p: actions.screenshot,
         f: actions["full-screen"],
-        o: () => document.getElementById("open").click(),
+        o: () => element("open").click(),
         "?": actions["help-button"],
         escape: () => cameras.stopComparing(),
         ...Object.fromEntries(APPEARANCES.map((appearance, i) => [String(i + 1), () => appear(appearance)])),
@@ -76,6 +77,6 @@ function toggleFullScreen() {
 }
 
 async function savePicture(view) {
-    const title = document.getElementById("title").textContent; // of the scene that is shown now
+    const title = element("title").textContent; // of the scene that is shown now
     await save(await view.photograph(), `${title}.png`);
 }

@@ -4,6 +4,8 @@
  * @module
  */
 
+import { element } from "../element.js";
+
 /**
  * @typedef {Object} Reading
  * @property {string} name
@@ -41,10 +43,10 @@ export async function whileLoading(name, read) {
 
 function showNewest() {
     const newest = underWay.at(-1);
-    document.getElementById("loading").hidden = !newest;
+    element("loading").hidden = !newest;
     if (newest) {
-        const bar = document.getElementById("loaded");
-        document.getElementById("loading-text").textContent = `Loading ${newest.name}`;
+        const bar = element("loaded");
+        element("loading-text").textContent = `Loading ${newest.name}`;
         if (newest.share === null) {
             bar.removeAttribute("value");
         } else {

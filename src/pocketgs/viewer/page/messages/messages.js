@@ -4,6 +4,8 @@
  * @module
  */
 
+import { element } from "../element.js";
+
 const POINTS_ONLY = "The scene is shown as points: this page renders splats with WebGPU, which is not available here.";
 
 const BROWSERS = `Browsers that have WebGPU: Chrome and Edge from version 113 on (on Android from 121), Safari from 26,
@@ -20,15 +22,15 @@ let whyNoGpu = null;
  * @param {string} text
  */
 export function showMessage(text) {
-    document.getElementById("message-text").textContent = text;
-    document.getElementById("previews").hidden = true;
-    document.getElementById("message").hidden = false;
-    document.getElementById("message-close").onclick = hideMessage;
+    element("message-text").textContent = text;
+    element("previews").hidden = true;
+    element("message").hidden = false;
+    element("message-close").onclick = hideMessage;
 }
 
 /** Close the message, if there is one. */
 export function hideMessage() {
-    document.getElementById("message").hidden = true;
+    element("message").hidden = true;
 }
 
 /**
@@ -40,7 +42,7 @@ export function hideMessage() {
 export function showWithoutGpu(error, { previews }) {
     whyNoGpu = error;
     showMessage([POINTS_ONLY, reasonFor(error), BROWSERS].join("\n\n"));
-    const gallery = document.getElementById("previews");
+    const gallery = element("previews");
     gallery.replaceChildren(...previews.map(pictureOf));
     gallery.hidden = previews.length === 0;
 }

@@ -17,7 +17,7 @@ import { checkAdjusted, checkConvention } from "./convention.js";
 import { normalised, subtract } from "../../../page/scene/vectors.js";
 import { refine } from "./refinement.js";
 import { Relocalisation } from "./relocalisation.js";
-import { contradicted, strangers } from "./suspects.js";
+import { contradicted, unmatchedViews } from "./suspects.js";
 import { measuredTolerance, widestTolerance } from "./tolerance.js";
 
 /**
@@ -84,7 +84,7 @@ async function placedAnew({ given, features, matches, alike, finest }, { distanc
     const tolerance = Math.max(settings.two_view.verification * finest, measured);
     // Drift accumulates along a walk: errors slightly above the usual do not contradict a pose.
     const gross = Math.max(tolerance, widestTolerance(given, settings.poses) / 2);
-    const strange = strangers(given, features, matches, distance, settings.suspects);
+    const strange = unmatchedViews(given, features, matches, distance, settings.suspects);
     const against = contradicted(given, features, matches, gross, settings.suspects);
     const found = { cameras: given, matches, wrong: against.map((is, view) => is || strange[view]) };
     if (!found.wrong.some(Boolean)) {

@@ -101,7 +101,7 @@ function groupsOf(views, matches, total, supporting, support) {
  * @param {Object<string, number>} settings the settings' `suspects`
  * @returns {boolean[]} one for each view
  */
-export function strangers(cameras, features, matches, distance, { neighbours, min_features: least }) {
+export function unmatchedViews(cameras, features, matches, distance, { neighbours, min_features: least }) {
     const matched = new PairTable(cameras.length);
     matches.forEach(({ first, second }) => matched.set(first, second, 1));
     const apart = viewDistances(cameras, cameras, distance);
