@@ -308,3 +308,13 @@ def test_mutated_documents_never_crash(ring, write_transforms, data):
     except PocketGSError:
         return
     assert listing.frames
+
+
+def test_photographs_that_a_file_poses_few_of(ring, write_transforms):
+    """Programs write what they could place, such as two of 21."""
+    frames = ring.transforms()["frames"]
+    folder = write_transforms(frames=frames[:5])
+    assert read_listing(folder).warnings == ()
+    Image.fromarray(np.zeros((12, 16, 3), np.uint8)).save(folder / "images/more.png")
+    [warning] = read_listing(folder).warnings
+    assert warning == "only 5 of 11 images have a pose in transforms.json: let pocketgs pose find all anew"

@@ -33,6 +33,17 @@ def test_nerfstudio(call: Call, capture_folder: Path) -> None:
     assert_same(call, capture_folder)
 
 
+def test_photographs_without_a_pose_are_counted(call: Call, ring: Ring, tmp_path: Path) -> None:
+    ring.write_images(tmp_path / "images")
+    stated = ring.transforms()
+    (tmp_path / "transforms.json").write_text(json.dumps({**stated, "frames": stated["frames"][:5]}))
+    assert_same_warnings(call, tmp_path)
+    shutil.copy(tmp_path / "images" / ring.names[0], tmp_path / "images/more.png")
+    assert_same_warnings(call, tmp_path)
+    [warning] = read(call, tmp_path)["warnings"]
+    assert warning.startswith("only 5 of 11 images have a pose in transforms.json")
+
+
 def test_folders_around_a_capture(call: Call, capture_folder: Path) -> None:
     assert len(read(call, capture_folder.parent)["frames"]) == 8
     shutil.copytree(capture_folder, capture_folder.parent / "archive" / "of" / "capture")

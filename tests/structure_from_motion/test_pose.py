@@ -42,6 +42,7 @@ OUTCOME = {
     "reprojection_error": 0.5,
     "matched_pairs": 6,
     "parallax_pairs": 0,
+    "without_parallax": [],
     "stands_still": False,
     "other_models": [],
     "metric": False,
@@ -273,6 +274,9 @@ def test_a_result_replaces_an_earlier_one_when_complete(
     (warning,) = warnings
     assert warning.startswith("poses of 3 of 4 images were found; left out: 3.jpg. Parts of 3 images fit together but")
     assert json.loads((output / "posed.json").read_text())["unplaced"] == ["3.jpg"]
+    colmap_outcome["without_parallax"] = ["2.jpg", "3.jpg"]
+    pose(source, output, on_warning=warnings.append)
+    assert "left out: 3.jpg. There the camera only turned, or saw one flat surface" in warnings[-1]
     assert contents(source) == originals
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted([source.name, "output"])
 
@@ -586,7 +590,8 @@ def test_more_pairs_that_place_fewer_photographs_change_nothing(
         jobs.append(job["better_than"])
         if len(jobs) == 1:
             return {**made(module, job, *others), "placed": [f"{number}.jpg" for number in range(45)]}
-        return {"placed": ["0.jpg"], "matched_pairs": 9, "parallax_pairs": 6, "stands_still": False}
+        pairs = {"matched_pairs": 9, "parallax_pairs": 6, "without_parallax": []}
+        return {"placed": ["0.jpg"], **pairs, "stands_still": False}
 
     monkeypatch.setattr(attempts, "run_colmap", run)
     found = pose(folder, tmp_path / "output")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from pathlib import Path
 
 from pocketgs.capture.decoding.video_file import VIDEO_SUFFIXES
@@ -88,3 +89,22 @@ def holds_photographs(path: Path) -> bool:
 def by_number(name: str) -> list[tuple[int, str]]:
     """A key that sorts names in the order of capture: numbers by value, so that 2.jpg comes before 10.jpg."""
     return [(int(part), "") if part.isdecimal() else (0, part) for part in re.split(r"(\d+)", name)]
+
+
+def few_posed(files: Iterable[object], capture: Path, where: str) -> tuple[str, ...]:
+    """A warning if most images in the folders of those with a pose have none, or no warning.
+
+    Of captures that `pocketgs pose` made, it has told which images it could not place, and why.
+
+    Args:
+        files: the image files with a pose; whatever else is among them does not count.
+        capture: the capture's folder.
+        where: what states the poses, for the message.
+    """
+    if (capture / POSED_RECORD).is_file():
+        return ()
+    posed = {file for file in files if isinstance(file, Path)}
+    present = sum(len(list_images(folder)) for folder in {file.parent for file in posed})
+    if 2 * len(posed) >= present:
+        return ()
+    return (f"only {len(posed)} of {present} images have a pose in {where}: let pocketgs pose find all anew",)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -113,7 +113,7 @@ def pose(
     if not outcome["lenses_refined"]:
         on_warning(UNDETERMINED_LENS)
     if unplaced:
-        on_warning(_lacking(unplaced, len(photographs), outcome.get("other_models", [])))
+        on_warning(_lacking(unplaced, len(photographs), outcome.get("other_models", []), outcome["without_parallax"]))
     return PoseResult(
         folder=output,
         frames=len(photographs),
@@ -244,11 +244,16 @@ def _undecodable(damaged: list[str]) -> str:
     return f"{count} cannot be decoded: {listed(damaged, MAX_NAMES)}"
 
 
-def _lacking(unplaced: list[str], frames: int, other_models: list[int]) -> str:
+def _lacking(unplaced: list[str], frames: int, other_models: list[int], without_parallax: Collection[str]) -> str:
     """Warning about images without a pose."""
     found = f"poses of {frames - len(unplaced)} of {frames} images were found"
     said = f"{found}; left out: {listed(unplaced, MAX_NAMES)}"
-    if other_models:
+    if 2 * len(set(without_parallax).intersection(unplaced)) > len(unplaced):
+        said += (
+            ". There the camera only turned, or saw one flat surface, which does not determine its place: walk while "
+            "you turn, with other things in view"
+        )
+    elif other_models:
         parts = ", ".join(map(str, other_models))
         said += (
             f". Parts of {parts} images fit together but not with the rest: photographs between them would join them"

@@ -7,7 +7,7 @@ from pathlib import Path, PureWindowsPath
 
 from pocketgs.capture.last_numbers import pair_by_number
 from pocketgs.capture.named_images import find_images, find_stated, images_below, spelling
-from pocketgs.capture.unposed import POSED_RECORD, USUAL_FOLDER
+from pocketgs.capture.unposed import USUAL_FOLDER, few_posed
 from pocketgs.capture.unrecognised import MAX_NAMES
 from pocketgs.errors import PocketGSError, listed
 from pocketgs.files.paths import list_images, relative_name
@@ -35,10 +35,10 @@ def match_files(
     files, warnings = _named(names, folder, capture, where, leave_out)
     absent = [name for name, file in zip(names, files, strict=True) if file is None]
     if not absent:
-        return files, (*warnings, *_unregistered(files, capture))
+        return files, (*warnings, *few_posed(files, capture, "the COLMAP model"))
     if len(absent) < len(names):
         found = f"{len(absent)} of {len(names)} registered images are absent, the first {absent[0]}"
-        return files, (*warnings, found, *_unregistered(files, capture))
+        return files, (*warnings, found, *few_posed(files, capture, "the COLMAP model"))
     return _renamed(names, folder, capture)
 
 
@@ -101,18 +101,3 @@ def _where_they_may_be(names: Sequence[str], capture: Path) -> str:
     if not fitting:
         return ""
     return f"; those in {listed(fitting, MAX_NAMES)} may be meant: name the folder by --images"
-
-
-def _unregistered(files: Sequence[Path | None], capture: Path) -> tuple[str, ...]:
-    """A warning if most images in the folders of the registered ones have no pose, or none.
-
-    Of captures that `pocketgs pose` made, it has told which images it could not place, and why.
-    """
-    if (capture / POSED_RECORD).is_file():
-        return ()
-    registered = [file for file in files if file is not None]
-    present = sum(len(list_images(folder)) for folder in {file.parent for file in registered})
-    if 2 * len(registered) >= present:
-        return ()
-    found = f"only {len(registered)} of {present} images have a pose in the COLMAP model"
-    return (f"{found}: let pocketgs pose find all anew",)

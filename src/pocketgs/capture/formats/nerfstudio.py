@@ -15,6 +15,7 @@ from pocketgs.capture.formats.transforms_file import (
 )
 from pocketgs.capture.listing import FrameSource, Listing
 from pocketgs.capture.named_images import find_moved, spelling
+from pocketgs.capture.unposed import few_posed
 from pocketgs.errors import PocketGSError
 from pocketgs.files.json_fields import Fields, read_json
 from pocketgs.scene.point_cloud import PointCloud
@@ -46,6 +47,7 @@ def read(path: Path, images: str | None = None) -> Listing:
     document = read_json(file)
     listed, warnings = read_frames(document, file.parent, images)
     check_some_exist(listed, document)
+    warnings += few_posed([frame.image for frame in listed if frame], file.parent, file.name)
     warnings += absent_warning(listed, document) + mask_warning(listed, document) + depth_warning(listed, document)
     frames, held_out = _split(document, listed)
     points, more_warnings = _cloud(document, file.parent)

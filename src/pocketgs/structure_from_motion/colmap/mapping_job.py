@@ -76,16 +76,19 @@ class _Matched(TypedDict):
     placed: list[str]
     matched_pairs: int
     parallax_pairs: int
+    without_parallax: list[str]
     stands_still: bool
 
 
 class MappingOutcome(_Matched, total=False):
-    """The result of an attempt; without a model there are only the first four.
+    """The result of an attempt; without a model there are only the first five.
 
     Attributes:
         placed: names of the images with a pose.
         matched_pairs: number of pairs that match.
         parallax_pairs: number of those whose matches no homography explains.
+        without_parallax: names of the images nearly all of whose matching pairs homographies explain: the camera only
+            turned there, or saw one flat surface.
         stands_still: whether the camera does.
         points: number of points.
         reprojection_error: mean, in pixels of the full images.

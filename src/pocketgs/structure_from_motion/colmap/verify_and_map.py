@@ -6,6 +6,7 @@ and colours arrive as arrays.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +31,9 @@ WITH_PARALLAX = (
 )
 """Kinds of pairs whose matches no homography explains. Where the camera only turned, one explains them."""
 
+MAX_PARALLAX = 0.25
+"""Maximum share of an image's pairs with parallax where the camera only turned, or saw nothing but a flat surface."""
+
 PAIRS_AT_ONCE = 60
 """Pairs verified between two progress reports."""
 
@@ -50,6 +54,7 @@ def run(job: MappingJob) -> MappingOutcome:
             "placed": [],
             "matched_pairs": sum(len(geometry.inlier_matches) > 0 for geometry in geometries),
             "parallax_pairs": sum(geometry.config in WITH_PARALLAX for geometry in geometries),
+            "without_parallax": _without_parallax(found, numbers, geometries, names),
             "stands_still": stands_still(match_shifts(found, numbers, geometries)),
         }
     if outcome["stands_still"]:
@@ -81,6 +86,22 @@ def run(job: MappingJob) -> MappingOutcome:
         "other_models": sorted((images for images in parts if images >= MIN_MODEL), reverse=True),
         "metric": metric,
     }
+
+
+def _without_parallax(
+    database: pycolmap.Database,
+    pairs: Sequence[int],
+    geometries: Sequence[pycolmap.TwoViewGeometry],
+    names: Mapping[str, str],
+) -> list[str]:
+    """Names of the images that match others, nearly all by homographies, which determine no place."""
+    name_of = {image.image_id: names[image.name] for image in database.read_all_images()}
+    has_parallax: dict[str, list[bool]] = {}
+    for pair, geometry in zip(pairs, geometries, strict=True):
+        if len(geometry.inlier_matches):
+            for number in pycolmap.pair_id_to_image_pair(pair):
+                has_parallax.setdefault(name_of[number], []).append(geometry.config in WITH_PARALLAX)
+    return sorted(name for name, found in has_parallax.items() if sum(found) <= MAX_PARALLAX * len(found))
 
 
 def _names(job: MappingJob) -> dict[str, str]:

@@ -4,7 +4,7 @@
  * @module
  */
 
-import { folderOf } from "../archive/tree.js";
+import { fewPosedWarning } from "./few_posed.js";
 import { isImage } from "./image_header.js";
 import { pairByNumber } from "./last_numbers.js";
 import { byCodePoint } from "./listing.js";
@@ -36,7 +36,7 @@ export function matchFiles(names, folder, tree, where, bounds, leaveOut) {
         return renamedFiles(names, folder, tree);
     }
     const found = `${absent.length} of ${names.length} registered images are absent, the first ${absent[0]}`;
-    return [files, [...warnings, ...(absent.length ? [found] : []), ...unregisteredWarning(files, tree, bounds)]];
+    return [files, [...warnings, ...(absent.length ? [found] : []), ...fewPosedWarning(files, tree, bounds, "the COLMAP model")]];
 }
 
 /**
@@ -81,16 +81,4 @@ function renamedFiles(names, folder, tree) {
     const how = byNumber.size ? "by the numbers in their names" : "in sorted order";
     const message = `${folder || "."} names its files otherwise: matched to the model ${how}`;
     return [names.map((name) => tree.find(byName.get(name))), [message]];
-}
-
-/** A warning if most images in the folders of the registered ones have no pose, or none; but `pocketgs pose` has told. */
-function unregisteredWarning(files, tree, { posed_record: record }) {
-    if (tree.find(record)) {
-        return [];
-    }
-    const registered = files.filter(Boolean);
-    const folders = [...new Set(registered.map(({ path }) => folderOf(path)))];
-    const present = folders.flatMap((folder) => tree.pathsIn(folder, isImage)).length;
-    const found = `only ${registered.length} of ${present} images have a pose in the COLMAP model`;
-    return 2 * registered.length < present ? [`${found}: let pocketgs pose find all anew`] : [];
 }

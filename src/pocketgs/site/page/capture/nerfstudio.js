@@ -7,6 +7,7 @@
 
 import { normalised, spelling, withSlashes } from "../archive/tree.js";
 import { readCloud } from "./cloud_file.js";
+import { fewPosedWarning } from "./few_posed.js";
 import { Fields } from "./json_fields.js";
 import { listingOf } from "./listing.js";
 import { findMoved } from "./named_images.js";
@@ -31,6 +32,7 @@ export async function read(tree, bounds) {
     const document = await Fields.of(tree.find(MARK));
     const [listed, warnings] = await readFrames(document, tree, bounds);
     checkSomeExist(listed, document);
+    warnings.push(...fewPosedWarning(listed.map((frame) => frame?.file), tree, bounds, MARK));
     for (const warningOf of [absentWarning, maskWarning, depthWarning]) {
         warnings.push(...warningOf(listed, document));
     }
