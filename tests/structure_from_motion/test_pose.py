@@ -91,7 +91,7 @@ def test_without_pycolmap(photographs: Path, tmp_path: Path, capsys: pytest.Capt
         with pytest.raises(SystemExit) as stop:
             main([command, str(photographs), "--output", str(tmp_path / "output")])
         assert stop.value.code == 2
-        assert "COLMAP, whose package pycolmap is not installed: pip install 'pycolmap>=4.0'" in capsys.readouterr().err
+        assert "COLMAP, whose package pycolmap is not installed: pip install 'pycolmap>=4.2'" in capsys.readouterr().err
     assert not (tmp_path / "output").exists()
 
 

@@ -47,7 +47,7 @@ def test_a_missing_pycolmap_is_said_before_the_work_starts(
     small_capture: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("pocketgs.structure_from_motion.process.find_spec", lambda name: None)
-    with pytest.raises(PocketGSError, match=r"pip install 'pycolmap>=4.0'"):
+    with pytest.raises(PocketGSError, match=r"pip install 'pycolmap>=4.2'"):
         triangulate(small_capture.train)
 
 

@@ -38,7 +38,7 @@ def check_installed() -> None:
     if find_spec("pycolmap") is None:
         raise PocketGSError(
             "poses of photographs are found by COLMAP, whose package pycolmap is not installed: pip install "
-            "'pycolmap>=4.0' (it is built for Linux and Windows on x86-64 and for macOS 14 or later on Apple silicon), "
+            "'pycolmap>=4.2' (it is built for Linux and Windows on x86-64 and for macOS 14 or later on Apple silicon), "
             "or find poses on such a machine with pocketgs pose and bring the folder here"
         )
 
