@@ -42,26 +42,44 @@ def test_paths_of_another_machine(ring, write_transforms, stated):
     np.testing.assert_array_equal(capture.train[3].image, ring.images[3])
 
 
-@pytest.mark.parametrize("stated", ["../photographs/{}", "photographs/{}", "walk/photographs/{}"])
+@pytest.mark.parametrize("stated", ["../photographs/{}", "photographs/{}"])
 def test_photographs_beside_the_folder_of_the_poses(ring, write_transforms, stated, tmp_path):
     """Programs state paths from the folder of their output, or from where they were run."""
     frames = ring.transforms()["frames"]
     for frame, name in zip(frames, ring.names, strict=True):
-        frame["file_path"] = stated.format(name)
+        frame |= {"file_path": stated.format(name), "mask_path": stated.format(name).replace("photographs", "shown")}
     folder, around = write_transforms(frames=frames), tmp_path / "walk"
     (around / "poses").mkdir(parents=True)
     shutil.move(folder / "transforms.json", around / "poses")
     shutil.move(folder / "images", around / "photographs")
     with pytest.raises(PocketGSError, match=r"a folder that holds both|none of the 10 listed frames"):
         read_listing(around / "poses")
-    (around / "masks").mkdir()
-    Image.new("L", ring.images[3].shape[1::-1], 255).save(around / "masks" / ring.names[3])
+    for masks in ("shown", "others"):
+        (around / masks).mkdir()
+        Image.new("L", ring.images[3].shape[1::-1], 255).save(around / masks / ring.names[3])
+    shutil.copytree(around / "photographs", around / "copies")
     link(tmp_path / "linked", around)
     for path in (around, tmp_path / "linked"):
         capture = open_capture(path, hold_out=0)
         assert [frame.name for frame in capture.train] == [f"../photographs/{name}" for name in ring.names]
         np.testing.assert_array_equal(capture.train[3].image, ring.images[3])
-        assert [frame.mask is not None for frame in capture.train] == [at == 3 for at in range(10)]
+        for masks in ("found", "others"):
+            capture = open_capture(path, hold_out=0, masks=masks)
+            assert [frame.mask is not None for frame in capture.train] == [at == 3 for at in range(10)]
+        for images in ("copies", "../copies", str(path / "copies")):
+            assert read_listing(path, images).frames[0].name == f"../copies/{ring.names[0]}"
+    with pytest.raises(PocketGSError, match="lies outside the capture's folder"):
+        read_listing(around, str(tmp_path / "elsewhere"))
+
+
+def test_photographs_of_another_capture_are_not_taken(ring, write_transforms, tmp_path):
+    """In a folder of downloads, names alone say little: a capture without its photographs has none."""
+    folder, around = write_transforms(), tmp_path / "downloads"
+    (around / "scan").mkdir(parents=True)
+    shutil.move(folder / "transforms.json", around / "scan")
+    shutil.move(folder / "images", around / "holiday")
+    with pytest.raises(PocketGSError, match="none of the 10 listed frames"):
+        read_listing(around)
 
 
 def test_converted_photographs_of_another_machine(ring, write_transforms):

@@ -318,3 +318,12 @@ def test_photographs_that_a_file_poses_few_of(ring, write_transforms):
     Image.fromarray(np.zeros((12, 16, 3), np.uint8)).save(folder / "images/more.png")
     [warning] = read_listing(folder).warnings
     assert warning == "only 5 of 11 images have a pose in transforms.json: let pocketgs pose find all anew"
+
+
+def test_masks_beside_photographs_need_no_pose(ring, write_transforms):
+    frames = [{**frame, "mask_path": f"images/m{index}.png"} for index, frame in enumerate(ring.transforms()["frames"])]
+    folder = write_transforms(frames=frames)
+    for index in range(10):
+        Image.new("L", ring.images[0].shape[1::-1], 255).save(folder / f"images/m{index}.png")
+    (folder / "images/view_09.png").unlink()
+    assert all("have a pose" not in warning for warning in read_listing(folder).warnings)

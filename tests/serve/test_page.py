@@ -86,12 +86,16 @@ def test_a_refusal_leaves_the_files_chosen(
 ) -> None:
     full = "the computer's disk is full"
     with visiting(browser, serve().url, *PHONE) as phone:
-        phone.page.route("**/captures", lambda route: route.fulfill(status=507, json={"error": full}))
+        asked: list[Route] = []
+        phone.page.route("**/captures", lambda route: asked.append(route))
         choose(phone, "[data-kind=photographs]", photographs)
         phone["#begin-name"].fill("  Toys ")
         phone["#begin-effort input[value=best]"].check(force=True)
         phone["#begin-upload"].click()
+        expect(phone["[data-kind=photographs]"]).to_be_disabled()
+        asked[0].fulfill(status=507, json={"error": full})
         expect(phone["#begin-problem"]).to_have_text(full)
+        expect(phone["[data-kind=photographs]"]).to_be_enabled()
         expect(phone["#begin-name"]).to_have_value("Toys")
         phone.page.unroute("**/captures")
         phone["#begin-upload"].click()

@@ -21,7 +21,8 @@ class Frame:
     """One photograph with its camera, which has a lens where the photograph is held as it was taken.
 
     Attributes:
-        name: path of the image inside the capture, for example "images/0001.jpg"; no two frames of a capture share it.
+        name: path of the image from the capture's folder, such as "images/0001.jpg". No two frames of a capture have
+            the same.
         camera: camera of the image in memory (undistorted, cropped and resized).
         image: (H, W, 3) uint8 RGB; images with alpha are composited on the capture's background.
         alpha: (H, W) uint8 opacity of the file's pixels, or None.

@@ -17,7 +17,7 @@ class FrameSource:
     """One frame as its capture lists it.
 
     Attributes:
-        name: the image's name inside the capture.
+        name: path of the image from the capture's folder.
         image: image file, or frame of a video. Frames of one video are adjacent and in ascending order.
         camera: intrinsics in pixels of an image of `camera.width` x `camera.height`, and the pose. The file may hold
             the image at another size of the same shape; the intrinsics are then scaled. Both refer to pixels as stored,

@@ -7,11 +7,12 @@ import re
 import unicodedata
 from collections import defaultdict
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from functools import cache
 from pathlib import Path, PureWindowsPath
 
 from pocketgs.errors import PocketGSError
-from pocketgs.files.opening import boundary_around
+from pocketgs.files.opening import folders_around
 from pocketgs.files.paths import existing_file, inside, is_folder_of_photographs, is_image, list_images, relative_name
 
 DEEPEST = 4
@@ -32,8 +33,8 @@ def find_images(
 
     If no stated path exists (see `find_stated`), each image is searched by name in the whole capture, or else by its
     name with another suffix: captures get moved, images get converted, and many tools write paths of the machine that
-    they ran on, or of the folder that they ran in: if the capture has none of them, a folder around it is searched that
-    is being read. If some stated paths exist, the others are missing.
+    they ran on. Others write paths from the folder that they ran in: if the capture has no such image, the stated paths
+    are tried from the folders around it that are being read. If some stated paths exist, the others are missing.
 
     Args:
         folder: the capture's; files must lie in it, or in a folder around it that is being read.
@@ -56,10 +57,11 @@ def find_images(
         files, refusal = [], error
     if any(files):
         return files, ()
-    for place in dict.fromkeys((folder, boundary_around(folder))):
-        files = _by_name_alone(images_below(place, leave_out), named, suffixes)
+    files = _by_name_alone(images_below(folder, leave_out), named, suffixes)
+    if not any(files):
+        files, warnings = _stated_from_around(folder, named, where, suffixes)
         if any(files):
-            break
+            return files, warnings
     found = [(name, file) for name, file in zip(named, files, strict=True) if file is not None]
     moved = found and all(PureWindowsPath(name).root for name in named)
     if refusal and not moved and len(found) < len(named):
@@ -69,6 +71,18 @@ def find_images(
     name, file = found[0]
     said = f"no image is at its stated path; {len(found)} of {len(named)} were found by their names"
     return files, (f"{where}: {said}, such as {relative_name(file, folder)} for {name}",)
+
+
+def _stated_from_around(
+    folder: Path, named: Sequence[str], where: str, suffixes: tuple[str, ...]
+) -> tuple[list[Path | None], tuple[str, ...]]:
+    """The files at stated paths from the closest folder around the capture's that has one; and a warning."""
+    for place in folders_around(folder)[1:]:
+        with suppress(PocketGSError):  # absolute paths, and such that lead out
+            files = find_stated(place, named, where, suffixes)
+            if any(files):
+                return files, (f"{where}: its paths are from the folder {place}, and not from its own",)
+    return [None] * len(named), ()
 
 
 def find_stated(folder: Path, named: Sequence[str], where: str, suffixes: tuple[str, ...] = ("",)) -> list[Path | None]:
@@ -92,13 +106,13 @@ def find_stated(folder: Path, named: Sequence[str], where: str, suffixes: tuple[
 
 
 def find_moved(folder: Path, stated: str, where: str, photograph: Path | None = None) -> Path | None:
-    """The file inside a folder that a capture names: for an absolute path, by the longest end of it that exists.
+    """The file that a capture names: for an absolute path, by the longest end of it that exists.
 
     Absolute paths are of the machine that wrote them.
 
     Args:
-        folder: the capture's, inside which the file must lie.
-        stated: its path, relative to the folder or absolute.
+        folder: the capture's; the file must lie in it, or in a folder around it that is being read.
+        stated: its path, relative to one of these or absolute.
         where: the file that states it, for messages.
         photograph: whose mask or depth is sought; these often have its name, so the end of a path may find it instead.
 
@@ -107,10 +121,15 @@ def find_moved(folder: Path, stated: str, where: str, photograph: Path | None = 
     """
     path = PureWindowsPath(stated)
     if not path.root:
-        return existing_file(folder, with_slashes(stated), where)
+        if file := existing_file(folder, with_slashes(stated), where):
+            return file
+        with suppress(PocketGSError):  # it leads out of a folder around
+            files = (existing_file(place, with_slashes(stated), where) for place in folders_around(folder)[1:])
+            return next(filter(None, files), None)
+        return None
     parts = path.parts[1:][-DEEPEST - 1 :]
     ends = ("/".join(parts[start:]) for start in range(len(parts)))
-    files = (existing_file(folder, end, where) for end in ends)
+    files = (existing_file(place, end, where) for end in ends for place in folders_around(folder))
     return next((file for file in files if file and not (photograph and file.samefile(photograph))), None)
 
 

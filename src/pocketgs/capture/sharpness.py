@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextvars import Context, copy_context
 
 import cv2
 import numpy as np
@@ -56,8 +57,13 @@ def sharpest_photographs(files: Mapping[int, CaptureFile], most: int = MAX_FRAME
     if len(files) <= most:
         return sorted(files)
     numbers = sorted(files)
+
+    def measured(number: int, context: Context) -> float:
+        return context.run(lambda: sharpness(read_grey(files[number], REDUCED_SIDE)))
+
     with ThreadPoolExecutor() as pool:
-        values = list(pool.map(lambda number: sharpness(read_grey(files[number], REDUCED_SIDE)), numbers))
+        # The folder that files must lie in is part of the context.
+        values = list(pool.map(measured, numbers, [copy_context() for _ in numbers]))
     return [numbers[place] for place in sharpest_in_windows(values, most)]
 
 

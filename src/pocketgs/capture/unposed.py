@@ -91,20 +91,21 @@ def by_number(name: str) -> list[tuple[int, str]]:
     return [(int(part), "") if part.isdecimal() else (0, part) for part in re.split(r"(\d+)", name)]
 
 
-def few_posed(files: Iterable[object], capture: Path, where: str) -> tuple[str, ...]:
+def few_posed(files: Iterable[object], masks: Iterable[object], capture: Path, where: str) -> tuple[str, ...]:
     """A warning if most images in the folders of those with a pose have none, or no warning.
 
     Of captures that `pocketgs pose` made, it has told which images it could not place, and why.
 
     Args:
-        files: the image files with a pose; whatever else is among them does not count.
+        files: the image files with a pose. What is no path on disk does not count.
+        masks: image files that are masks.
         capture: the capture's folder.
         where: what states the poses, for the message.
     """
     if (capture / POSED_RECORD).is_file():
         return ()
     posed = {file for file in files if isinstance(file, Path)}
-    present = sum(len(list_images(folder)) for folder in {file.parent for file in posed})
+    present = len({image for folder in {file.parent for file in posed} for image in list_images(folder)} - {*masks})
     if 2 * len(posed) >= present:
         return ()
     return (f"only {len(posed)} of {present} images have a pose in {where}: let pocketgs pose find all anew",)

@@ -1,4 +1,4 @@
-"""Opening a capture's files: only inside the capture's folder, and within the memory bound.
+"""Opening a capture's files: only inside the folder that was given, and within the memory bound.
 
 A capture is often downloaded. The files that it names must not reach the rest of the disk, not even through a symbolic
 link that replaces a file after the capture was listed; so each file is checked when it is opened.
@@ -40,9 +40,11 @@ def reading_inside(folder: Path | None) -> Iterator[None]:
         _folder.reset(before)
 
 
-def boundary_around(folder: Path) -> Path:
-    """The folder that is being read if it is around this one, as this one's path spells it, or else this one."""
-    return next((around for around in (folder, *folder.parents) if around.resolve() == _folder.get()), folder)
+def folders_around(folder: Path) -> list[Path]:
+    """The folder and those around it, up to the one that is being read; only itself if that is not around it."""
+    places = [folder, *folder.parents]
+    ends = (number for number, place in enumerate(places, 1) if place.resolve() == _folder.get())
+    return places[: next(ends, 1)]
 
 
 def checked(path: Path) -> Path:

@@ -1,4 +1,4 @@
-"""Paths of a capture's files, which must lie inside the capture's folder, and names in archives."""
+"""Paths of a capture's files, which must lie inside the folder that was given, and names in archives."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from pocketgs.errors import PocketGSError, short
-from pocketgs.files.opening import boundary_around
+from pocketgs.files.opening import folders_around
 
 IMAGE_SUFFIXES = frozenset(
     {".png", ".jpg", ".jpeg", ".jpe", ".jfif", ".mpo", ".heic", ".heif", ".tif", ".tiff", ".webp", ".bmp"}
@@ -44,7 +44,7 @@ def inside(folder: Path, name: str, named_in: str) -> Path:
         PocketGSError: the path is absolute, or leaves the folder that is being read by `..` or a symbolic link.
     """
     try:
-        boundary = boundary_around(folder)
+        *_, boundary = folders_around(folder)
         path = Path(os.path.normpath(folder / name))
         stays = not Path(name).is_absolute() and path.resolve().is_relative_to(boundary.resolve())
     except (OSError, ValueError, RuntimeError) as error:
@@ -54,9 +54,18 @@ def inside(folder: Path, name: str, named_in: str) -> Path:
         ) from error
     if not stays:
         elsewhere = f"{named_in}: names the file {short(name)}, which lies outside the capture's folder {boundary}"
-        both = "" if Path(name).is_absolute() else "; if it is part of the capture, give a folder that holds both"
-        raise PocketGSError(elsewhere + both)
+        raise PocketGSError(elsewhere + ("; give a folder that holds both" if _may_hold_both(path, boundary) else ""))
     return path
+
+
+def _may_hold_both(file: Path, folder: Path) -> bool:
+    """Whether a capture may be read from the closest folder around a file and a folder.
+
+    Photographs directly in that would be taken for a capture without poses.
+    """
+    file, folder = file.absolute(), folder.absolute()
+    both = os.path.commonpath([file, folder])
+    return file.is_file() and both not in (str(folder), str(file.parent))
 
 
 def existing_file(folder: Path, name: str, named_in: str, suffixes: tuple[str, ...] = ("",)) -> Path | None:

@@ -248,16 +248,16 @@ def _lacking(unplaced: list[str], frames: int, other_models: list[int], without_
     """Warning about images without a pose."""
     found = f"poses of {frames - len(unplaced)} of {frames} images were found"
     said = f"{found}; left out: {listed(unplaced, MAX_NAMES)}"
+    if other_models:
+        parts = ", ".join(map(str, other_models))
+        said += f". Parts of {parts} images fit together but not with the rest"
     if 2 * len(set(without_parallax).intersection(unplaced)) > len(unplaced):
         said += (
             ". There the camera only turned, or saw one flat surface, which does not determine its place: walk while "
             "you turn, with other things in view"
         )
     elif other_models:
-        parts = ", ".join(map(str, other_models))
-        said += (
-            f". Parts of {parts} images fit together but not with the rest: photographs between them would join them"
-        )
+        said += ". Photographs between the parts would join them"
     if 2 * len(unplaced) > frames:
         said += f". To get more, {ADVICE}"
     return said

@@ -47,7 +47,7 @@ def read(path: Path, images: str | None = None) -> Listing:
     document = read_json(file)
     listed, warnings = read_frames(document, file.parent, images)
     check_some_exist(listed, document)
-    warnings += few_posed([frame.image for frame in listed if frame], file.parent, file.name)
+    warnings += _few_posed_warning(listed, file)
     warnings += absent_warning(listed, document) + mask_warning(listed, document) + depth_warning(listed, document)
     frames, held_out = _split(document, listed)
     points, more_warnings = _cloud(document, file.parent)
@@ -55,6 +55,16 @@ def read(path: Path, images: str | None = None) -> Listing:
     # ARKit's poses are in metres.
     metric = NERFCAPTURE_FIELD in document.values or document.flag("metric")
     return Listing(FORMAT, frames, held_out=held_out, points=points, metric=metric, warnings=warnings)
+
+
+def _few_posed_warning(listed: list[FrameSource | None], file: Path) -> tuple[str, ...]:
+    """A warning if most photographs have no pose, or none: of one file of several, and of recordings of phone apps,
+    whose poses are measured, it would be wrong.
+    """
+    frames = [frame for frame in listed if frame]
+    if file.name != LOOKED_FOR or any(frame.depth_path for frame in frames):
+        return ()
+    return few_posed([frame.image for frame in frames], [frame.mask_path for frame in frames], file.parent, file.name)
 
 
 def _split(document: Fields, listed: list[FrameSource | None]) -> tuple[list[FrameSource], frozenset[str] | None]:

@@ -17,7 +17,7 @@ from pocketgs.capture.poses import camera_at, rotation_from_quaternion, world_to
 from pocketgs.capture.sharpness import sharpest_photographs, thinning_warning
 from pocketgs.errors import PocketGSError, clipped
 from pocketgs.files.json_fields import Fields, parse_json
-from pocketgs.files.opening import CaptureFile, read_bytes
+from pocketgs.files.opening import CaptureFile, checked, read_bytes
 from pocketgs.files.paths import existing_file, without_here
 
 FORMAT = "record3d"
@@ -158,6 +158,7 @@ def _depth_shape(metadata: Fields) -> tuple[int, int] | None:
 
 
 def _archive(path: Path) -> zipfile.Path:
+    checked(path)
     try:
         archive = zipfile.ZipFile(path)
         for member in archive.infolist():

@@ -37,7 +37,7 @@ def read_frames(
 
     Args:
         document: the whole file.
-        folder: that its paths are relative to, and must lie in.
+        folder: that its paths are relative to.
         images: folder to take the images from instead, by their paths below their first folder, or by file name.
         may_have_moved: if none is at its stated path, search the images in the whole folder by name.
 

@@ -23,6 +23,8 @@ const list = new CaptureList((action, capture) => attempt(() => act(action, capt
 /** What the computer has and takes. Files can be chosen once it is known. */
 let shelf = null;
 const beginButtons = document.querySelectorAll("#choices button");
+/** Whether the server is asked to take a capture. If it refuses, the dialog opens again, with the files of this one. */
+let isBeginning = false;
 
 async function look() {
     if (document.visibilityState === "visible") {
@@ -39,9 +41,13 @@ async function refresh() {
         element("connection").hidden = false;
         throw error;
     }
-    beginButtons.forEach((button) => (button.disabled = false));
+    enableBeginning();
     list.show(shelf.captures, (id) => uploads.has(id), uploads.size > 0);
     showTrash(shelf.deleted, (id) => attempt(() => tell(`captures/${id}/restore`)));
+}
+
+function enableBeginning() {
+    beginButtons.forEach((button) => (button.disabled = shelf === null || isBeginning));
 }
 
 /** Do something, and show what goes wrong and what has changed. */
@@ -80,7 +86,16 @@ async function begin(kind) {
         return;
     }
     const stated = files.map(({ name, size }) => ({ name, size }));
-    const declare = (chosen) => tell("captures", { ...chosen, files: stated });
+    const declare = async (chosen) => {
+        isBeginning = true;
+        enableBeginning();
+        try {
+            return await tell("captures", { ...chosen, files: stated });
+        } finally {
+            isBeginning = false;
+            enableBeginning();
+        }
+    };
     const begun = await askForNew(files, problemWith(files, shelf), shelf, declare);
     if (begun) {
         hideToast();

@@ -31,8 +31,14 @@ WITH_PARALLAX = (
 )
 """Kinds of pairs whose matches no homography explains. Where the camera only turned, one explains them."""
 
-MAX_PARALLAX = 0.25
-"""Maximum share of an image's pairs with parallax where the camera only turned, or saw nothing but a flat surface."""
+WITHOUT_PARALLAX = (
+    pycolmap.TwoViewGeometryConfiguration.PLANAR,
+    pycolmap.TwoViewGeometryConfiguration.PANORAMIC,
+    pycolmap.TwoViewGeometryConfiguration.PLANAR_OR_PANORAMIC,
+)
+MIN_FLAT, MIN_FLAT_SHARE = 3, 0.75
+"""Minimum number, and share, of an image's pairs that homographies explain where the camera only turned, or saw nothing
+but a flat surface. A single pair tells little: with few matches, a homography explains many."""
 
 PAIRS_AT_ONCE = 60
 """Pairs verified between two progress reports."""
@@ -96,12 +102,12 @@ def _without_parallax(
 ) -> list[str]:
     """Names of the images that match others, nearly all by homographies, which determine no place."""
     name_of = {image.image_id: names[image.name] for image in database.read_all_images()}
-    has_parallax: dict[str, list[bool]] = {}
+    is_flat: dict[str, list[bool]] = {}
     for pair, geometry in zip(pairs, geometries, strict=True):
         if len(geometry.inlier_matches):
             for number in pycolmap.pair_id_to_image_pair(pair):
-                has_parallax.setdefault(name_of[number], []).append(geometry.config in WITH_PARALLAX)
-    return sorted(name for name, found in has_parallax.items() if sum(found) <= MAX_PARALLAX * len(found))
+                is_flat.setdefault(name_of[number], []).append(geometry.config in WITHOUT_PARALLAX)
+    return sorted(name for name, flat in is_flat.items() if sum(flat) >= max(MIN_FLAT, MIN_FLAT_SHARE * len(flat)))
 
 
 def _names(job: MappingJob) -> dict[str, str]:

@@ -36,7 +36,7 @@ export function matchFiles(names, folder, tree, where, bounds, leaveOut) {
         return renamedFiles(names, folder, tree);
     }
     const found = `${absent.length} of ${names.length} registered images are absent, the first ${absent[0]}`;
-    return [files, [...warnings, ...(absent.length ? [found] : []), ...fewPosedWarning(files, tree, bounds, "the COLMAP model")]];
+    return [files, [...warnings, ...(absent.length ? [found] : []), ...fewPosedWarning(files, [], tree, bounds, "the COLMAP model")]];
 }
 
 /**

@@ -32,7 +32,7 @@ export async function read(tree, bounds) {
     const document = await Fields.of(tree.find(MARK));
     const [listed, warnings] = await readFrames(document, tree, bounds);
     checkSomeExist(listed, document);
-    warnings.push(...fewPosedWarning(listed.map((frame) => frame?.file), tree, bounds, MARK));
+    warnings.push(...fewPosedOf(listed, tree, bounds));
     for (const warningOf of [absentWarning, maskWarning, depthWarning]) {
         warnings.push(...warningOf(listed, document));
     }
@@ -47,6 +47,13 @@ export async function read(tree, bounds) {
     // ARKit's poses are in metres.
     const isMetric = NERFCAPTURE_FIELD in document.values || document.values.metric === true;
     return listingOf("nerfstudio", frames, { heldOut, cloud, isMetric, warnings });
+}
+
+/** A warning if most photographs have no pose; of recordings of phone apps, whose poses are measured, none. */
+function fewPosedOf(listed, tree, bounds) {
+    const frames = listed.filter(Boolean);
+    const [files, masks] = [frames.map(({ file }) => file), frames.map(({ mask }) => mask)];
+    return frames.some(({ depth }) => depth) ? [] : fewPosedWarning(files, masks, tree, bounds, MARK);
 }
 
 /**
