@@ -13,6 +13,7 @@ import pytest
 from PIL import Image
 
 from pocketgs import Capture, Gaussians
+from pocketgs.errors import counted
 from pocketgs.splat.rendering import render, render_all
 
 
@@ -35,7 +36,7 @@ def rendered(
         outcome = pocketgs("render", result, written_capture, "--output", output, *options)
         assert (outcome.status, outcome.errors) == (0, "")
         pictures = pictures_in(output)
-        assert outcome.output == f"{len(pictures)} views in {output}\n"
+        assert outcome.output == f"{counted(len(pictures), 'view', 'views')} in {output}\n"
         return pictures
 
     return call
