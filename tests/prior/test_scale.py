@@ -34,10 +34,10 @@ def ring(radius: float, outwards: bool = False) -> list[Camera]:
 def capture_of(train: Sequence[Camera], held_out: Sequence[Camera] = (), metric: bool = False) -> Capture:
     image = np.zeros((48, 64, 3), np.uint8)
 
-    def frames(cameras: Sequence[Camera]) -> list[Frame]:
-        return [Frame(f"{index}.png", camera, image) for index, camera in enumerate(cameras)]
+    def frames(cameras: Sequence[Camera], prefix: str) -> list[Frame]:
+        return [Frame(f"{prefix}{index}.png", camera, image) for index, camera in enumerate(cameras)]
 
-    return Capture("views", Path("views"), "test", frames(train), frames(held_out), metric=metric)
+    return Capture("views", Path("views"), "test", frames(train, ""), frames(held_out, "held_out_"), metric=metric)
 
 
 def test_cameras_around_a_thing_tell_how_far_it_is() -> None:
