@@ -15,6 +15,7 @@ from pocketgs.capture.last_numbers import NUMBERLESS, last_number, pair_by_numbe
 from pocketgs.capture.listing import FrameSource, Listing
 from pocketgs.capture.named_images import spelling
 from pocketgs.errors import PocketGSError
+from pocketgs.files.opening import folders_around
 from pocketgs.files.paths import list_images
 
 FOUND, NONE = "found", "none"
@@ -33,7 +34,8 @@ def masks_folder(capture: Path, masks: str) -> Path | None:
     """
     if masks in (FOUND, NONE):
         return None
-    folder = capture / masks if (capture / masks).is_dir() else Path(masks)
+    inside = (place / masks for place in folders_around(capture))
+    folder = next((place for place in inside if place.is_dir()), Path(masks))
     if not folder.is_dir():
         searched = "" if folder.is_absolute() else f" in the current folder or in {capture}"
         raise PocketGSError(f"{folder}: no such folder, expected one with masks{searched}")

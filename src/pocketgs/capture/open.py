@@ -15,13 +15,13 @@ from pocketgs.capture.hold_out import FEWEST_TO_HOLD_OUT, choose_held_out
 from pocketgs.capture.listed import ListedCapture
 from pocketgs.capture.listing import Listing
 from pocketgs.capture.loading import Preparation
-from pocketgs.capture.masks import FOUND, NONE, check_has_masks, masks_folder, with_masks
+from pocketgs.capture.masks import check_has_masks, masks_folder, with_masks
 from pocketgs.capture.options import CaptureOptions
 from pocketgs.capture.origin import near_origin
 from pocketgs.capture.unposed import USUAL_FOLDER, find_photographs_in, holds_photographs, only_video
 from pocketgs.capture.unrecognised import MAX_NAMES, what_is_there
 from pocketgs.errors import PocketGSError, listed
-from pocketgs.files.opening import folder_of, reading_inside
+from pocketgs.files.opening import folder_of, folders_around, reading_inside
 from pocketgs.files.paths import IMAGE_SUFFIXES, relative_name
 
 
@@ -74,10 +74,9 @@ def list_capture(path: str | Path, options: CaptureOptions | None = None, **chan
     listing = read_listing(path, options.images)
     place = located(path)
     folder = place if place.is_dir() else place.parent
-    masks = options.masks
-    if masks not in (FOUND, NONE) and not (folder / masks).is_dir() and (path / masks).is_dir():
-        masks = str(path / masks)
-    listing = with_masks(listing, folder, masks)
+    with reading_inside(folder_of(path)):
+        listing = with_masks(listing, folder, options.masks)
+        masks = masks_folder(folder, options.masks)
     if options.outside_masks == "empty":
         check_has_masks(path, any(frame.mask_path is not None for frame in listing.frames))
     held_out_names, split = choose_held_out(listing, options.hold_out)
@@ -94,7 +93,7 @@ def list_capture(path: str | Path, options: CaptureOptions | None = None, **chan
         options.downscale or 1.0,
         options.max_size,
         folder=folder_of(path),
-        masks=masks_folder(folder, masks),
+        masks=masks,
         outside_masks=options.outside_masks,
     )
     return ListedCapture(
@@ -118,7 +117,7 @@ def read_listing(path: Path, images: str | None = None) -> Listing:
     try:
         place = located(path)
         with reading_inside(folder_of(path)):
-            listing = _reader_for(place).read(place, _relative(images, place, path))
+            listing = _reader_for(place).read(place, _relative(images, folder_of(place)))
     except OSError as error:  # such as a folder without permission
         raise PocketGSError(f"{path}: cannot be read ({error})") from error
     if place != path:
@@ -133,20 +132,21 @@ def read_listing(path: Path, images: str | None = None) -> Listing:
     return near_origin(listing)
 
 
-def _relative(images: str | None, place: Path, path: Path) -> str | None:
+def _relative(images: str | None, folder: Path | None) -> str | None:
     """The option as a path from the capture's own folder, which readers expect.
 
-    It may also be a path from the folder that was given, which holds the capture's, or an absolute one inside that.
+    It may also be a path from a folder around that, up to the one that is being read, or an absolute one inside this.
 
     Raises:
         PocketGSError: it is absolute and leads elsewhere.
     """
-    folder, given = folder_of(place), folder_of(path)
-    if images is None or folder is None or given is None:
+    if images is None or folder is None:
         return images
+    places = folders_around(folder)
     if not Path(images).is_absolute():
-        is_of_given = not (folder / images).is_dir() and (given / images).is_dir()
-        return relative_name(given / images, folder) if is_of_given else images
+        found = (place / images for place in places if (place / images).is_dir())
+        return next((relative_name(place, folder) for place in found), images)
+    given = places[-1]
     stated, leads_to = Path(os.path.normpath(images)), Path(images).resolve()
     for named, around, own in (
         (stated, given.absolute(), folder.absolute()),

@@ -6,7 +6,8 @@ import re
 from collections.abc import Iterable
 from pathlib import Path
 
-from pocketgs.capture.decoding.video_file import VIDEO_SUFFIXES
+from pocketgs.capture.decoding.video_file import VIDEO_SUFFIXES, VideoFrame
+from pocketgs.files.opening import CaptureFile
 from pocketgs.files.paths import is_folder_of_photographs, list_images
 
 USUAL_FOLDER = "images"
@@ -91,14 +92,19 @@ def by_number(name: str) -> list[tuple[int, str]]:
     return [(int(part), "") if part.isdecimal() else (0, part) for part in re.split(r"(\d+)", name)]
 
 
-def few_posed(files: Iterable[object], masks: Iterable[object], capture: Path, where: str) -> tuple[str, ...]:
+def few_posed(
+    files: Iterable[CaptureFile | VideoFrame | None],
+    masks: Iterable[CaptureFile | None],
+    capture: Path,
+    where: str,
+) -> tuple[str, ...]:
     """A warning if most images in the folders of those with a pose have none, or no warning.
 
     Of captures that `pocketgs pose` made, it has told which images it could not place, and why.
 
     Args:
-        files: the image files with a pose. What is no path on disk does not count.
-        masks: image files that are masks.
+        files: the images with a pose. Those that are no files on disk do not count.
+        masks: files that are masks of these.
         capture: the capture's folder.
         where: what states the poses, for the message.
     """

@@ -42,9 +42,10 @@ def reading_inside(folder: Path | None) -> Iterator[None]:
 
 def folders_around(folder: Path) -> list[Path]:
     """The folder and those around it, up to the one that is being read; only itself if that is not around it."""
-    places = [folder, *folder.parents]
-    ends = (number for number, place in enumerate(places, 1) if place.resolve() == _folder.get())
-    return places[: next(ends, 1)]
+    boundary = _folder.get()
+    places = [folder, *folder.parents] if boundary else []
+    ends = (number for number, place in enumerate(places, 1) if place.resolve() == boundary)
+    return places[: next(ends, 0)] or [folder]
 
 
 def checked(path: Path) -> Path:

@@ -33,7 +33,8 @@ ENOUGH_POINTS = 200
 
 MOST_POINTS = 10 * ENOUGH_POINTS
 """Maximum number of points measured per photograph. One that sees all of a large scene would measure the points of all
-other photographs otherwise."""
+other photographs otherwise.
+"""
 
 NEIGHBOURS = 3
 """Number of most similar views, whose points a photograph is taken to see."""

@@ -19,8 +19,9 @@ CELLS = 12
 """Number of cells along the longer side of a view; coverage is counted in cells."""
 
 NEIGHBOURING_FRAMES = 4
-"""A frame's sharpness is compared with that of this many frames before and after it: they show much the same, so that
-the comparison tells of blur and not of texture."""
+"""A frame's sharpness is compared with that of this many frames before and after it. They show much the same, so that
+the comparison tells of blur and not of texture.
+"""
 
 HIDDEN = 1.5
 """If a keyframe's own depth is smaller by this factor, the point is occluded."""

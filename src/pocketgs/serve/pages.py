@@ -24,7 +24,7 @@ from pocketgs.viewer.scene_content import scene_content
 
 SHOWN_AT_ONCE = 8
 SECONDS_BETWEEN_LOOKS = 0.1
-"""Between looks whether a run that has closed its page has ended."""
+"""Seconds between two checks whether a run that has closed its page has ended."""
 
 
 class Pages:

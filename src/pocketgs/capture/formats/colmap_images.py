@@ -34,12 +34,11 @@ def match_files(
     """
     files, warnings = _named(names, folder, capture, where, leave_out)
     absent = [name for name, file in zip(names, files, strict=True) if file is None]
-    if not absent:
-        return files, (*warnings, *few_posed(files, (), capture, "the COLMAP model"))
-    if len(absent) < len(names):
-        found = f"{len(absent)} of {len(names)} registered images are absent, the first {absent[0]}"
-        return files, (*warnings, found, *few_posed(files, (), capture, "the COLMAP model"))
-    return _renamed(names, folder, capture)
+    if len(absent) == len(names):
+        return _renamed(names, folder, capture)
+    if absent:
+        warnings += (f"{len(absent)} of {len(names)} registered images are absent, the first {absent[0]}",)
+    return files, warnings + few_posed(files, (), capture, "the COLMAP model")
 
 
 def holds_any(folder: Path, names: Sequence[str], where: str) -> bool:

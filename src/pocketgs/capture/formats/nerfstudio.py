@@ -58,8 +58,10 @@ def read(path: Path, images: str | None = None) -> Listing:
 
 
 def _few_posed_warning(listed: list[FrameSource | None], file: Path) -> tuple[str, ...]:
-    """A warning if most photographs have no pose, or none: of one file of several, and of recordings of phone apps,
-    whose poses are measured, it would be wrong.
+    """A warning if most photographs have no pose, or no warning.
+
+    Other files than `transforms.json` are often one of several. Recordings with depth have the phone's own poses, which
+    need not be found anew.
     """
     frames = [frame for frame in listed if frame]
     if file.name != LOOKED_FOR or any(frame.depth_path for frame in frames):

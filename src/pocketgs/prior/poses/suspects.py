@@ -23,7 +23,8 @@ MIN_MATCHES = 32
 NEIGHBOURS = 4
 MIN_FEATURES = 0.5
 """A view without matches is suspect if so many of its nearest views match each other, and it has at least this share of
-their features."""
+their features.
+"""
 
 MIN_VIEWS = 3
 MIN_MAIN = 0.25

@@ -38,7 +38,8 @@ WITHOUT_PARALLAX = (
 )
 MIN_FLAT, MIN_FLAT_SHARE = 3, 0.75
 """Minimum number, and share, of an image's pairs that homographies explain where the camera only turned, or saw nothing
-but a flat surface. A single pair tells little: with few matches, a homography explains many."""
+but a flat surface. A single pair tells little: with few matches, a homography explains many.
+"""
 
 PAIRS_AT_ONCE = 60
 """Pairs verified between two progress reports."""
