@@ -4,8 +4,6 @@
  * @module
  */
 
-import { roundedToEven } from "./rounding.js";
-
 /** As `numpy.linspace`. @type {(first: number, last: number, count: number) => number[]} */
 export function evenly(first, last, count) {
     const step = (last - first) / (count - 1);
@@ -13,4 +11,4 @@ export function evenly(first, last, count) {
 }
 
 /** At most so many whole numbers below `count`; the twin of `evenly_chosen` in `capture/even_choice.py`. */
-export const evenlyChosen = (count, most) => evenly(0, count - 1, Math.min(most, count)).map(roundedToEven);
+export const evenlyChosen = (count, most) => evenly(0, count - 1, Math.min(most, count)).map(Math.trunc);
