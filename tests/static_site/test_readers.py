@@ -15,6 +15,8 @@ from playwright.sync_api import Error
 from plyfile import PlyData, PlyElement
 
 from capture.conftest import ColmapFiles, Ring
+from pocketgs.capture.masks import with_masks
+from pocketgs.capture.open import read_listing
 from static_site.reading import assert_same, assert_same_refusal, assert_same_warnings, read
 
 Call = Callable[..., Any]
@@ -116,6 +118,47 @@ def test_images_that_moved(call: Call, capture_folder: Path, present: tuple[str,
     else:
         assert_same(call, capture_folder)
         assert read(call, capture_folder)["frames"][0]["name"].startswith(f"{present[0]}/")
+
+
+@pytest.mark.parametrize("stated", ["../photographs/{name}", "photographs/{name}", "..\\photographs\\{name}"])
+def test_photographs_beside_the_folder_of_the_poses(
+    call: Call, capture_folder: Path, stated: str, tmp_path: Path
+) -> None:
+    """Programs state paths from the folder of their output, or from where they were run; masks and clouds too."""
+    beside = stated.replace("photographs", "shown")
+    restated(capture_folder, "mask_path", lambda path: beside.format(name=Path(path).name))
+    restated(capture_folder, "file_path", lambda path: stated.format(name=Path(path).name))
+    cloud = beside.format(name="cloud.ply")
+    changed(capture_folder, lambda document: document.update(ply_file_path=cloud))
+    around = tmp_path / "walk"
+    (around / "deep/poses").mkdir(parents=True)
+    (around / "deep/shown").mkdir()
+    shutil.move(capture_folder / "transforms.json", around / "deep/poses")
+    shutil.move(capture_folder / "cloud.ply", around / "deep/shown")
+    photographs = Path(shutil.move(capture_folder / "images", around / "deep/photographs"))
+    with pytest.raises(Error, match=r"outside the capture's folder|none of the 8 listed frames"):
+        read(call, around / "deep/poses")
+    first = min(photographs.iterdir())
+    Image.fromarray(np.full((72, 96), 255, np.uint8)).save(around / "deep/shown" / first.name)
+    found, expected = read(call, around), read_listing(around)
+    assert [frame["name"] for frame in found["frames"]] == [frame.name for frame in expected.frames]
+    masks = [frame["mask"] for frame in found["frames"]]
+    assert masks == [f"../shown/{first.name}", *[None] * 7]
+    assert [frame.mask_path is not None for frame in expected.frames] == [True, *[False] * 7]
+    assert len(found["cloud"][0]) == 3 * len(expected.points)  # type: ignore[arg-type]
+    assert len(found["warnings"]) == len(expected.warnings) - 1  # Python names the folder that it uses
+
+
+def test_masks_beside_a_folder_beside_the_poses(call: Call, capture_folder: Path, tmp_path: Path) -> None:
+    restated(capture_folder, "file_path", lambda path: f"../images/{Path(path).name}")
+    (tmp_path / "walk/poses").mkdir(parents=True)
+    shutil.move(capture_folder / "transforms.json", tmp_path / "walk/poses")
+    shutil.copytree(capture_folder / "images", tmp_path / "walk/masks")
+    shutil.move(capture_folder / "images", tmp_path / "walk/images")
+    found = read(call, tmp_path / "walk")["frames"]
+    expected = with_masks(read_listing(tmp_path / "walk"), tmp_path / "walk/poses", "found")
+    assert all(frame.mask_path for frame in expected.frames)
+    assert [frame["mask"] for frame in found] == [frame["name"].replace("images", "masks") for frame in found]
 
 
 def test_images_with_another_suffix(call: Call, capture_folder: Path) -> None:

@@ -87,16 +87,22 @@ export class StoredFile {
     }
 }
 
-/** Files by their paths. */
+/** Files by their paths; those of a folder in a larger tree may name files beside that folder by paths with `..`. */
 export class FileTree {
     #files = new Map();
     #byLowerCase = new Map();
+    #around;
+    #folder;
 
     /**
      * @param {StoredFile[]} files those that systems add, such as `__MACOSX/`, are left out
+     * @param {FileTree | null} around the tree that they are a folder of
+     * @param {string} folder its path there
      * @throws {Error} a path is used twice, or would lead out of a folder
      */
-    constructor(files) {
+    constructor(files, around = null, folder = "") {
+        this.#around = around;
+        this.#folder = folder;
         for (const file of files) {
             const parts = file.path.split("/");
             if (parts.some((part) => part === ".." || part === "" || /^[a-z]:/i.test(part) || /[\\\0]/.test(part))) {
@@ -124,6 +130,10 @@ export class FileTree {
      */
     find(path) {
         const plain = normalised(path);
+        if (this.#around && leadsOut(plain)) {
+            const file = this.#around.find(`${this.#folder}/${plain}`);
+            return file?.at(this.#fromHere(file.path));
+        }
         return this.#files.get(plain) ?? this.#byLowerCase.get(spelling(plain));
     }
 
@@ -138,7 +148,30 @@ export class FileTree {
             return this;
         }
         const inside = [...this.#files.values()].filter(({ path }) => path.startsWith(`${folder}/`));
-        return new FileTree(inside.map((file) => file.at(file.path.slice(folder.length + 1))));
+        return new FileTree(inside.map((file) => file.at(file.path.slice(folder.length + 1))), this, folder);
+    }
+
+    /** The number of folders around this one. @returns {number} */
+    get depth() {
+        return this.#around ? this.#around.depth + this.#folder.split("/").length : 0;
+    }
+
+    /**
+     * A stated path as one of the tree.
+     *
+     * @param {string} folder that it is relative to
+     * @param {string} path with either separator
+     * @param {string} where the file that states it, for messages
+     * @returns {string}
+     * @throws {Error} it is absolute, or leads out of the outermost folder
+     */
+    inside(folder, path, where) {
+        const plain = normalised(`${folder}/${withSlashes(path)}`);
+        const climbed = plain.split("/").filter((part) => part === "..").length;
+        if (/^[/\\]/.test(path) || climbed > this.depth) {
+            throw new Error(`${where}: names the file ${path}, which lies outside the capture's folder`);
+        }
+        return plain;
     }
 
     /**
@@ -149,12 +182,27 @@ export class FileTree {
      * @returns {string[]}
      */
     pathsIn(folder, isWanted) {
-        return this.paths.filter((path) => folderOf(path) === folder && isWanted(nameOf(path))).sort();
+        return this.pathsBelow(folder).filter((path) => folderOf(path) === folder && isWanted(nameOf(path))).sort();
+    }
+
+    /** Paths of the files below a folder. @type {(folder: string) => string[]} */
+    pathsBelow(folder) {
+        if (this.#around && leadsOut(folder)) {
+            const found = this.#around.pathsBelow(normalised(`${this.#folder}/${folder}`));
+            return found.map((path) => this.#fromHere(path));
+        }
+        return folder === "" ? this.paths : this.paths.filter((path) => path.startsWith(`${folder}/`));
     }
 
     /** Whether there is a file below a folder. @type {(folder: string) => boolean} */
     hasFolder(folder) {
-        return this.paths.some((path) => path.startsWith(`${folder}/`));
+        return this.pathsBelow(folder).length > 0;
+    }
+
+    /** A path of the tree around this one, as seen from here. */
+    #fromHere(path) {
+        const [own, up] = [`${this.#folder}/`, "../".repeat(this.#folder.split("/").length)];
+        return path.startsWith(own) ? path.slice(own.length) : up + path;
     }
 }
 
@@ -176,21 +224,9 @@ export function normalised(path) {
     return parts.join("/");
 }
 
-/**
- * A stated path as one of the tree.
- *
- * @param {string} folder that it is relative to, and must stay in; "" for the topmost
- * @param {string} path with either separator
- * @param {string} where the file that states it, for messages
- * @returns {string}
- * @throws {Error} it is absolute, or leads out of the folder
- */
-export function inside(folder, path, where) {
-    const plain = normalised(withSlashes(path));
-    if (/^[/\\]/.test(path) || plain.split("/")[0] === "..") {
-        throw new Error(`${where}: names the file ${path}, which lies outside the capture's folder`);
-    }
-    return normalised(`${folder}/${plain}`);
+/** Whether a plain path begins above its folder. */
+function leadsOut(path) {
+    return path.split("/")[0] === "..";
 }
 
 /** A path as written on Windows, with `/` as the separator. @type {(path: string) => string} */

@@ -112,7 +112,7 @@ async function otherShape(frames, masks) {
 
 /** The masks by their photographs, and why they cannot be used, if so. */
 function matched(names, folder, tree) {
-    const files = tree.paths.filter((path) => path.startsWith(`${folder}/`) && isImage(path)).sort();
+    const files = tree.pathsBelow(folder).filter(isImage).sort();
     const byName = new Map();
     for (const path of files) {
         const name = path.slice(folder.length + 1).toLowerCase();

@@ -4,7 +4,7 @@
  * @module
  */
 
-import { folderOf, inside, nameOf, spelling } from "../archive/tree.js";
+import { folderOf, nameOf, spelling } from "../archive/tree.js";
 import { isImage } from "./image_header.js";
 
 /**
@@ -15,7 +15,9 @@ import { isImage } from "./image_header.js";
 /**
  * Find the file of each image that a capture names. If no stated path exists (see `findStated`), each image is searched
  * by name in the whole folder, or else by its name with another suffix: captures get moved, images get converted, and
- * many tools write paths of the machine that they ran on. If some stated paths exist, the others are missing.
+ * many tools write paths of the machine that they ran on. Others write paths from the folder that they ran in: if the
+ * capture has no such image, the stated paths are tried from the folders around it. If some stated paths exist, the others
+ * are missing.
  *
  * @param {FileTree} tree
  * @param {string} folder that the images lie in; "" for the whole capture
@@ -40,6 +42,10 @@ export function findImages(tree, folder, named, where, suffixes, bounds, leaveOu
     }
     const files = byNameAlone(imagesBelow(tree, folder, bounds, leaveOut), tree, named, suffixes);
     const found = files.filter(Boolean);
+    const [fromAround, warnings] = found.length ? [[], []] : statedFromAround(tree, named, where, suffixes);
+    if (fromAround.some(Boolean)) {
+        return [fromAround, warnings];
+    }
     const hasMoved = found.length > 0 && named.every(isRooted);
     if (refusal && !hasMoved && found.length < named.length) {
         throw refusal;
@@ -50,6 +56,24 @@ export function findImages(tree, folder, named, where, suffixes, bounds, leaveOu
     const said = `no image is at its stated path; ${found.length} of ${named.length} were found by their names`;
     return [files, [`${where}: ${said}, such as ${found[0].path} for ${named[files.indexOf(found[0])]}`]];
 }
+
+/** The files at stated paths from the closest folder around the capture's that has one; and a warning. */
+function statedFromAround(tree, named, where, suffixes) {
+    for (const place of foldersAround(tree)) {
+        try {
+            const files = findStated(tree, place, named, where, suffixes);
+            if (files.some(Boolean)) {
+                return [files, [`${where}: its paths are from the folder ${place}, and not from its own`]];
+            }
+        } catch {
+            // Absolute paths, and such that lead out.
+        }
+    }
+    return [[], []];
+}
+
+/** The folders around a capture's, the closest first: `../`, `../../`. @type {(tree: FileTree) => string[]} */
+const foldersAround = (tree) => Array.from({ length: tree.depth }, (_, i) => "../".repeat(i + 1));
 
 /**
  * The files that `findImages` finds in the stated folders. Case, the separator of folders, the encoding of accents, and
@@ -67,7 +91,7 @@ export function findStated(tree, folder, named, where, suffixes = [""]) {
     const present = new Map();
     const stemsIn = (place) => present.get(place) ?? present.set(place, pathsByStem(tree, place)).get(place);
     return named.map((name) => {
-        const path = inside(folder, name, where);
+        const path = tree.inside(folder, name, where);
         const file = suffixes.map((suffix) => tree.find(path + suffix)).find(Boolean);
         const same = file ? [] : (stemsIn(folderOf(path)).get(stemOf(name)) ?? []);
         return same.length === 1 ? tree.find(same[0]) : file;
@@ -89,11 +113,13 @@ export function findStated(tree, folder, named, where, suffixes = [""]) {
  */
 export function findMoved(tree, stated, where, { deepest }, photograph = null) {
     if (!isRooted(stated)) {
-        return tree.find(inside("", stated, where));
+        const path = tree.inside("", stated, where);
+        return ["", ...foldersAround(tree)].map((place) => tree.find(place + path)).find(Boolean);
     }
     const parts = partsOf(stated.replace(/^[a-z]:/i, "")).slice(-deepest - 1);
     const ends = parts.map((_, start) => parts.slice(start).join("/"));
-    return ends.map((end) => tree.find(end)).find((file) => file && file !== photograph);
+    const files = ends.flatMap((end) => ["", ...foldersAround(tree)].map((place) => tree.find(place + end)));
+    return files.find((file) => file && file.path !== photograph?.path);
 }
 
 /** Whether a path begins at the root of a disk, as on any system. @type {(path: string) => boolean} */
