@@ -99,7 +99,7 @@ def test_fox(trained: Callable[..., dict[str, Any]]) -> None:
 @pytest.mark.usefixtures("adapter")
 def test_fern_on_the_gpu_engine(trained: Callable[..., dict[str, Any]]) -> None:
     """A short run from the same points follows the CPU engine's: on any adapter, software ones included."""
-    options = ["--downscale", 3, "--prior", "none", "--iterations", 40, "--evaluate-every", 10]
+    options = ["--downscale", 4, "--prior", "none", "--iterations", 24, "--evaluate-every", 6]
     cpu, gpu = (trained("fern", "--images", "images_8", *options, "--engine", name) for name in ("cpu", "webgpu"))
     assert gpu["engine"] == "webgpu"
     for one, other in zip(cpu["progress"], gpu["progress"], strict=True):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -54,17 +55,24 @@ def modules(browser: Browser, host: Host, version: Path) -> Iterator[Page]:
 def call(modules: Page) -> Callable[..., Any]:
     """A function that calls what a module of the page exports: `call("random/generator.js", script, argument)`.
 
-    The script is the body of a function of `module`, `settings` and `given`.
+    The script is the body of a function of `module`, `settings` and `given`. Values travel as one text, for Playwright
+    takes seconds per megabyte of numbers; NaN and Infinity come back as those words.
     """
 
     def run(module: str, script: str, given: Any = None) -> Any:
-        return modules.evaluate(
-            f"""async ([given, path]) => {{
+        found = modules.evaluate(
+            f"""async ([text, path]) => {{
+                const given = JSON.parse(text);
                 const module = await import(new URL(path, location.href));
                 const settings = await (await fetch(location.href)).json();
-                {script}
+                const run = async () => {{
+                    {script}
+                }};
+                const isWord = (value) => typeof value === "number" && !Number.isFinite(value);
+                return JSON.stringify(await run(), (_, value) => (isWord(value) ? `${{value}}` : value));
             }}""",
-            [given, module],
+            [json.dumps(given, allow_nan=False), module],
         )
+        return found and json.loads(found)
 
     return run

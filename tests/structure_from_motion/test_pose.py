@@ -396,8 +396,11 @@ def test_poses_of_real_photographs(data_folder: Path, tmp_path: Path) -> None:
 def test_the_same_photographs_give_the_same_poses(
     data_folder: Path, tmp_path: Path, contents: Callable[[Path], dict[str, bytes]]
 ) -> None:
+    (tmp_path / "photographs").mkdir()
+    for photograph in sorted((data_folder / "fern" / "images_8").iterdir())[:9]:
+        shutil.copy(photograph, tmp_path / "photographs")
     for name in ("first", "second"):
-        pose(data_folder / "fern" / "images_8", tmp_path / name, PoseOptions(max_size=300))
+        assert pose(tmp_path / "photographs", tmp_path / name, PoseOptions(max_size=300)).registered == 9
     assert contents(tmp_path / "first") == contents(tmp_path / "second")
 
 
@@ -418,11 +421,11 @@ def test_names_may_hold_any_character(data_folder: Path, tmp_path: Path) -> None
 
 @pytest.mark.slow
 def test_poses_of_a_video(tmp_path: Path) -> None:
-    capture = true_capture(width=400, height=300, frames=12, points=10)
+    capture = true_capture(width=320, height=240, frames=10, points=10)
     frames = sorted(capture.frames, key=lambda frame: frame.name)
     write_video(tmp_path / "walk.mp4", (frame.image for frame in frames), fps=30)
     found = pose(tmp_path / "walk.mp4", tmp_path / "posed", PoseOptions(camera_model="PINHOLE"))
-    assert (found.frames, found.registered) == (12, 12)
+    assert (found.frames, found.registered) == (10, 10)
     truth = {f"frame_{number:06d}.jpg": frame.camera for number, frame in enumerate(frames)}
     position_errors, angles = differences(cameras_by_name(tmp_path / "posed"), truth)
     assert position_errors.mean() < 0.005

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -28,7 +28,7 @@ from pocketgs.training.options import TrainingOptions
 from pocketgs.training.planning.effort import sized
 from pocketgs.training.preparation import prepare
 from pocketgs.training.progress import Progress
-from pocketgs.training.result import Checkpoint
+from pocketgs.training.result import Checkpoint, TrainingResult
 from pocketgs.training.train import train
 from pocketgs.training.transients import Transients, pixels_of, transient_cells
 from pocketgs.training.view_residuals import ComparedView
@@ -53,12 +53,39 @@ def passed_room(tmp_path_factory: pytest.TempPathFactory) -> PreparedCapture:
     return prepared(tmp_path_factory.mktemp("room"), "passer-by")
 
 
-@pytest.fixture(scope="module")
-def trained(empty_room: PreparedCapture) -> CpuEngine:
-    """An engine that has been trained on the empty room, to render from only."""
+@dataclass(frozen=True)
+class Run:
+    """A run, and its engine, to render from only."""
+
+    result: TrainingResult
+    engine: CpuEngine
+
+
+def run_on(capture: PreparedCapture, which: Literal["mask", "keep"] = "mask") -> Run:
     engine = CpuEngine()
-    train(empty_room, OPTIONS, opened_engine=engine, transients="keep")
-    return engine
+    return Run(train(capture, OPTIONS, opened_engine=engine, transients=which), engine)
+
+
+@pytest.fixture(scope="module")
+def empty_run(empty_room: PreparedCapture) -> Run:
+    return run_on(empty_room)
+
+
+@pytest.fixture(scope="module")
+def passed_run(passed_room: PreparedCapture) -> Run:
+    return run_on(passed_room)
+
+
+@pytest.fixture(scope="module")
+def kept_run(empty_room: PreparedCapture) -> Run:
+    """On the empty room, without looking for what moves."""
+    return run_on(empty_room, "keep")
+
+
+@pytest.fixture(scope="module")
+def trained(kept_run: Run) -> CpuEngine:
+    """An engine that has been trained on the empty room."""
+    return kept_run.engine
 
 
 def covered(frame: Frame, empty: PreparedCapture) -> np.ndarray:
@@ -68,8 +95,10 @@ def covered(frame: Frame, empty: PreparedCapture) -> np.ndarray:
     return np.asarray(difference > 20)
 
 
-def test_a_passer_by_is_left_out_and_nothing_else(empty_room: PreparedCapture, passed_room: PreparedCapture) -> None:
-    found = train(passed_room, OPTIONS).checkpoint.transients
+def test_a_passer_by_is_left_out_and_nothing_else(
+    empty_room: PreparedCapture, passed_room: PreparedCapture, passed_run: Run
+) -> None:
+    found = passed_run.result.checkpoint.transients
     assert found is not None
     named = {int(Path(frame.name).stem) for frame, cells in zip(passed_room.train, found, strict=True) if cells.any()}
     there = set(range(1, 20, PASSES_EVERY)) - set(HELD_OUT)
@@ -82,8 +111,8 @@ def test_a_passer_by_is_left_out_and_nothing_else(empty_room: PreparedCapture, p
             assert (left_out & ~person).mean() < 0.05
 
 
-def test_an_empty_room_is_trained_on_whole(empty_room: PreparedCapture) -> None:
-    masked, kept = (train(empty_room, OPTIONS, transients=which) for which in ("mask", "keep"))
+def test_an_empty_room_is_trained_on_whole(empty_run: Run, kept_run: Run) -> None:
+    masked, kept = empty_run.result, kept_run.result
     assert masked.checkpoint.transients is not None
     assert not any(cells.any() for cells in masked.checkpoint.transients)
     assert kept.checkpoint.transients is None
@@ -92,14 +121,13 @@ def test_an_empty_room_is_trained_on_whole(empty_room: PreparedCapture) -> None:
 
 
 def test_the_room_behind_a_passer_by_is_as_good_as_empty(
-    empty_room: PreparedCapture, passed_room: PreparedCapture
+    empty_room: PreparedCapture, passed_room: PreparedCapture, empty_run: Run, passed_run: Run
 ) -> None:
     truth = {frame.name: frame.image / 255.0 for frame in empty_room.frames}
     means = []
-    for capture in (empty_room, passed_room):
-        engine = CpuEngine()
-        train(capture, OPTIONS, opened_engine=engine)
-        views = [(render_frame(engine, frame, capture.background), truth[frame.name]) for frame in passed_room.frames]
+    for capture, run in ((empty_room, empty_run), (passed_room, passed_run)):
+        images = [render_frame(run.engine, frame, capture.background) for frame in passed_room.frames]
+        views = [(image, truth[frame.name]) for image, frame in zip(images, passed_room.frames, strict=True)]
         means.append(np.mean([psnr(*view) for view in views]))
     assert means[1] > means[0] - 0.5
 

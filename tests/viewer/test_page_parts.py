@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import gzip
+import json
 import struct
 from collections.abc import Callable
 from itertools import pairwise
@@ -32,7 +33,7 @@ READ = """async ([name, content]) => {
     const bytes = Uint8Array.from(atob(content), (character) => character.charCodeAt(0));
     const shares = [];
     const scene = await readScene(name, new Blob([bytes]).stream(), bytes.length, (share) => shares.push(share));
-    return [scene.count, scene.coefficients, Array.from(scene.shape), Array.from(scene.sh), shares];
+    return JSON.stringify([scene.count, scene.coefficients, Array.from(scene.shape), Array.from(scene.sh), shares]);
 }"""
 Written = tuple[str, Callable[[Path, Gaussians], None], Callable[[Path], Gaussians]]
 FORMATS: list[Written] = [
@@ -53,7 +54,7 @@ written = pytest.mark.parametrize("written", FORMATS, ids=("ply", "splat", "spz3
 def read(page: Page, name: str, content: bytes) -> tuple[np.ndarray, np.ndarray, list[float]]:
     """The scene's columns as the page reads them, and the progress it was told of."""
     found = page.evaluate(READ, [name, base64.b64encode(content).decode()])
-    count, coefficients, shape, sh, shares = found
+    count, coefficients, shape, sh, shares = json.loads(found)
     return np.reshape(shape, (11, count)), np.reshape(sh, (3 * coefficients, count)), shares
 
 
@@ -63,7 +64,7 @@ READ_PARTS = """async ([name, content]) => {
     const parts = [];
     const onPart = (scene, count) => parts.push([count, Array.from(scene.column(0).subarray(0, count))]);
     await readScene(name, new Blob([bytes]).stream(), bytes.length, () => {}, onPart);
-    return parts;
+    return JSON.stringify(parts);
 }"""
 
 
@@ -99,7 +100,7 @@ def test_page_shows_what_has_been_read(page: Page, tmp_path: Path, written: Writ
     name, write, read_again = written
     path = tmp_path / name
     write(path, random_scene(20_000, 1))
-    parts: Any = page.evaluate(READ_PARTS, [name, base64.b64encode(path.read_bytes()).decode()])
+    parts = json.loads(page.evaluate(READ_PARTS, [name, base64.b64encode(path.read_bytes()).decode()]))
     counts = [count for count, _ in parts]
     assert len(counts) > 2
     assert counts == sorted(set(counts))

@@ -91,14 +91,14 @@ def test_poses_of_something_else_are_refused(capture: Capture) -> None:
 
 
 def test_poses_of_another_walk_are_refused_where_adjusting_them_does_not_help() -> None:
-    capture = true_capture(width=240, height=180, frames=24, points=1)
+    capture = true_capture(width=240, height=180, frames=16, points=1)
     angles = np.linspace(0.0, 2 * np.pi, len(capture.frames), endpoint=False)
     cameras = {}
     for frame, angle in zip(capture.frames, angles, strict=True):
         elsewhere = frame.camera.camera_to_world.copy()
-        elsewhere[:3, 3] += 0.3 * np.array([np.cos(angle), np.sin(angle), np.sin(2 * angle)])
+        elsewhere[:3, 3] += 0.25 * np.array([np.cos(angle), np.sin(angle), np.sin(2 * angle)])
         cameras[frame.name] = replace(frame.camera, world_to_camera=np.linalg.inv(elsewhere))
-    with pytest.raises(PocketGSError, match=r"7\d% of 3\d,\d+ matches contradict the capture's poses"):
+    with pytest.raises(PocketGSError, match=r"7\d% of \d\d,\d+ matches contradict the capture's poses"):
         build_prior(capture.with_refined_poses(cameras), 1000, SPARSE)
 
 

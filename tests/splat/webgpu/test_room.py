@@ -148,15 +148,19 @@ def test_a_rendering_that_needs_more_room_leaves_the_run_alone(
     assert_identical(undisturbed.download(), engine.download())
 
 
-def test_photographs_that_do_not_fit_are_streamed(make_gaussians: MakeGaussians) -> None:
+def test_photographs_that_do_not_fit_are_streamed(
+    monkeypatch: pytest.MonkeyPatch, make_gaussians: MakeGaussians
+) -> None:
     gaussians = make_gaussians(count=50, sh_degree=0)
-    frames = [photograph(camera_in_front(200 + 5 * i, 150, 20.0), masked=i % 2 == 0, seed=i) for i in range(20)]
+    frames = [photograph(camera_in_front(60 + 2 * i, 45, 20.0), masked=i % 2 == 0, seed=i) for i in range(20)]
     resident = begin(WebGpuEngine(), gaussians, frames)
     sizes = resident.memory()
     assert sizes["photographs"] == 4 * sum(frame.image[..., 0].size for frame in frames)
     without = sum(sizes.values()) - sizes["photographs"]
-    options = EngineOptions("webgpu", max_memory=without // 1_000_000 + 2)
-    streaming = begin(WebGpuEngine(options), gaussians, frames)
+    streaming = WebGpuEngine()
+    limits = replace(streaming._limits, total=without + sizes["photographs"] // 2)
+    monkeypatch.setattr(streaming, "_limits", limits)
+    begin(streaming, gaussians, frames)
     assert {streaming._plan.shelf.is_resident(view) for view in range(20)} == {True, False}
     order = np.random.default_rng(0).permutation(np.repeat(np.arange(20), 2))
     for engine in (resident, streaming):
@@ -173,7 +177,7 @@ def test_headroom_displaces_neither_photographs_nor_the_replay_cache(replay: Lit
     before = Extent(1000, 1000, 4, 8000, ((300, 200),) * 10, trains=True)
     grown = replace(before, gaussians=1100, capacity=1100)
     capacities = set()
-    for total in range(4_000_000, 30_000_000, 50_000):
+    for total in range(4_000_000, 30_000_000, 230_000):
         limits = MemoryLimits(total, total)
         try:
             exact = plan_memory(description, grown, limits)
@@ -216,9 +220,9 @@ def test_memory_stays_within_its_limit(make_gaussians: MakeGaussians) -> None:
     for max_memory in (20, 30, 60):
         options = EngineOptions("webgpu", replay="cache", max_memory=max_memory)
         engine = begin(WebGpuEngine(options), make_gaussians(count=500), frames)
-        for view in range(10):
+        for view in (0, 9, 4):
             engine.step(view, STEP)
-        assert np.isfinite(engine.loss(10))
+        assert np.isfinite(engine.loss(3))
         assert sum(engine.memory().values()) <= 1_000_000 * max_memory + 1000
 
 
