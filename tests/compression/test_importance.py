@@ -11,7 +11,7 @@ from pocketgs.compression.fine_tuning import FineTuner
 from pocketgs.compression.importance import Importance, contributions, importance
 from pocketgs.compression.pruning import Pruner
 from pocketgs.compression.rounding import ORDER
-from pocketgs.compression.views import Views, cameras_around
+from pocketgs.compression.views import Views, cameras_around, rendered
 from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera
 from pocketgs.scene.formats.activations import logit_of
@@ -20,6 +20,7 @@ from pocketgs.scene.formats.pgs_rounding import GROUPS, rounded
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.splat.engine import Engine
 from pocketgs.splat.rasterizer import Rasterizer
+from pocketgs.splat.rendering import BLACK
 
 
 @pytest.mark.parametrize("measure", ["contribution", "distinct"])
@@ -91,3 +92,17 @@ def test_cameras_around_a_scene_see_it(scene: Gaussians) -> None:
     assert seen.mean() > 0.95
     with pytest.raises(PocketGSError, match="a single point"):
         cameras_around(scene.select(np.zeros(3, int)))
+
+
+def test_held_back_views_are_of_both_kinds_and_from_all_sides(scene: Gaussians, engine: Engine) -> None:
+    """Around the scene and from its centre: they differ in what a file may lose."""
+    cameras = cameras_around(scene)
+    centre = np.median(scene.means.astype(np.float64), axis=0)
+    views = rendered(scene, cameras, engine, BLACK)
+    assert [len(views.train), len(views.judges), len(views.reported)] == [72, 12, 12]
+    assert len({frame.name for frame in [*views.train, *views.judges, *views.reported]}) == 96
+    for held_back in (views.judges, views.reported):
+        places = [frame.camera.centre - centre for frame in held_back]
+        assert sum(np.linalg.norm(place) > 1e-6 for place in places) == 6
+        quadrants = {tuple(frame.camera.camera_to_world[:2, 2] > 0.0) for frame in held_back}
+        assert len(quadrants) == 4

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +17,7 @@ from pocketgs.splat.engine import Engine
 from pocketgs.splat.rendering import render_frame
 
 EVERY = 8
-"""Every eighth rendered view is for reports, and every eighth of the others for decisions."""
+"""Every eighth rendered view is for the report, and those halfway between them are for decisions."""
 
 RENDERED_VIEWS = 100
 """Maximum number of renderings of the scene itself."""
@@ -86,11 +86,8 @@ def rendered(scene: Gaussians, cameras: Mapping[str, Camera], engine: Engine, ba
     frames = renderings(scene, cameras, engine, background)
     if len(frames) < EVERY:
         return Views(frames, frames, frames, background, False)
-    reported = frames[::EVERY]
-    others = [frame for place, frame in enumerate(frames) if place % EVERY]
-    judges = others[EVERY // 2 :: EVERY]
-    train = [frame for place, frame in enumerate(others) if place % EVERY != EVERY // 2]
-    return Views(train, judges or reported, reported, background, False)
+    train = [frame for place, frame in enumerate(frames) if place % EVERY not in (0, EVERY // 2)]
+    return Views(train, frames[EVERY // 2 :: EVERY], frames[::EVERY], background, False)
 
 
 def renderings(scene: Gaussians, cameras: Mapping[str, Camera], engine: Engine, background: Background) -> list[Frame]:
@@ -119,9 +116,10 @@ def cameras_around(scene: Gaussians) -> dict[str, Camera]:
     directions = [_direction(height, turn) for height in RINGS for turn in np.arange(VIEWS_OF_RING) / VIEWS_OF_RING]
     outside = [_camera(centre + DISTANCE * radius * each, centre) for each in directions]
     inside = [_camera(centre, centre + radius * each) for each in directions]
-    # Alternating, so that held-back views are of both kinds, and from all sides.
-    cameras: Sequence[Camera] = [camera for pair in zip(outside, inside, strict=True) for camera in pair]
-    return {f"{number:03d}": camera for number, camera in enumerate(cameras)}
+    pairs = list(zip(outside, inside, strict=True))
+    # Views for the report and for decisions, at fixed distances in the list, are of both kinds and from all sides.
+    turned = [pair if place // (EVERY // 2) % 2 else pair[::-1] for place, pair in enumerate(pairs)]
+    return {f"{number:03d}": camera for number, camera in enumerate(camera for pair in turned for camera in pair)}
 
 
 def _direction(height: float, turn: float) -> np.ndarray:
