@@ -88,6 +88,25 @@ def test_few_photographs_leave_a_margin(scene: Gaussians, capture: Capture, engi
     assert Judge.of(scene, engine, rendered(scene, cameras, engine, BLACK)).loss_to_aim_at(0.3) == 0.3
 
 
+def test_one_lucky_rendering_does_not_make_up_for_the_others(
+    scene: Gaussians, capture: Capture, engine: Engine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What is not to be worse than another scene must not be so on the median view either."""
+    cameras = {f"{turn}{frame.name}": frame.camera for turn in range(3) for frame in capture.frames}
+    own = rendered(scene, cameras, engine, BLACK)
+    assert len(own.judges) >= 3
+    least = replace(scene, opacity_logits=scene.opacity_logits - 0.1)
+    judge = Judge.of(scene, engine, own).expecting(least)
+    assert judge.least is not None
+    assert judge.psnr(least) == pytest.approx(judge.least.mean(), abs=1e-9)
+    gains = np.full(len(own.judges), -0.5)
+    gains[0] = 40.0
+    squared = 10.0 ** (-0.1 * (judge.least + gains))
+    monkeypatch.setattr("pocketgs.compression.judgement.errors", lambda *arguments: squared)
+    assert judge.psnr(scene) == pytest.approx(judge.least.mean() - 0.5, abs=1e-6)
+    assert Judge.of(scene, engine, own).psnr(scene) > judge.least.mean()
+
+
 @pytest.mark.usefixtures("_few_steps")
 def test_the_search_leaves_the_margin(scene: Gaussians, views: Views, engine: Engine) -> None:
     judge = Judge.of(scene, engine, views)

@@ -112,7 +112,9 @@ def compress(
         packing = WRITING_SECONDS * len(scene)
         compares_spz = packing <= COMPARISON_SHARE * timekeeper.seconds_left()
         timekeeper.reserve(TABLE_ROWS * len(views.reported) * rendering + compares_spz * packing)
-        bound = _bound(scene, views, judge, options)
+        if options.size is None and not views.photographs:
+            judge = judge.expecting(_stored(scene))
+        bound = _bound(judge, options)
         tuner = FineTuner(engine, views.train, views.background, scene, options.seed, timekeeper.step)
         cameras = [frame.camera for frame in views.train]
         pruner = Pruner(tuner, cameras, options.prune, rasterizer or Rasterizer("cpu"))
@@ -153,23 +155,27 @@ def memory_needed(scene: Gaussians, cameras: Iterable[Camera], engine: Engine) -
     return engine.memory_needed(len(scene), scene.sh.shape[1], sizes).process + COPIES * of_scene
 
 
-def _bound(scene: Gaussians, views: Views, judge: Judge, options: CompressionOptions) -> SizeBound | QualityBound:
-    """The bound that the options ask for.
+def _stored(scene: Gaussians) -> Gaussians:
+    """The scene as a .spz holds it, whose quality is the bound without a capture.
 
     Raises:
-        PocketGSError: it would be the quality of a .spz, which cannot hold the scene in any unit of length.
+        PocketGSError: a .spz cannot hold it in any unit of length.
     """
-    if options.size is not None:
-        return SizeBound(options.size)
-    if views.photographs:
-        allowed = QUALITY if options.quality is None else options.quality
-        return QualityBound(judge.original_psnr - judge.loss_to_aim_at(allowed))
     try:
-        stored = rounded_as_spz(scene)
+        return rounded_as_spz(scene)
     except PocketGSError as error:
         expected = "expected the capture, or --size, or a scene without far Gaussians (--crop-box of pocketgs convert)"
         raise PocketGSError(f"{error}, whose quality is the bound without a capture; {expected}") from error
-    return QualityBound(judge.psnr(stored) - (options.quality or 0.0))
+
+
+def _bound(judge: Judge, options: CompressionOptions) -> SizeBound | QualityBound:
+    """The bound that the options ask for."""
+    if options.size is not None:
+        return SizeBound(options.size)
+    if judge.least is not None:
+        return QualityBound(float(judge.least.mean()) - (options.quality or 0.0))
+    allowed = QUALITY if options.quality is None else options.quality
+    return QualityBound(judge.original_psnr - judge.loss_to_aim_at(allowed))
 
 
 def _search(scene: Gaussians, views: Views, workshop: Workshop, bound: SizeBound | QualityBound) -> None:
