@@ -21,7 +21,7 @@ from pocketgs.compression.judgement import Judge
 from pocketgs.compression.options import CompressionOptions
 from pocketgs.compression.pruning import Pruner, Pruning
 from pocketgs.compression.searches import GRIDS
-from pocketgs.compression.spz_file import as_spz
+from pocketgs.compression.spz_file import as_spz, rounded_as_spz
 from pocketgs.compression.timekeeper import Timekeeper
 from pocketgs.compression.views import Views, cameras_around, photographed, rendered
 from pocketgs.errors import PocketGSError
@@ -29,6 +29,7 @@ from pocketgs.scene.edits import scaled
 from pocketgs.scene.formats.pgs import encode
 from pocketgs.scene.formats.pgs_coding import FINE, Coding
 from pocketgs.scene.formats.pgs_rounding import rounded as rounded_scene
+from pocketgs.scene.formats.spz_range import suitable_factor
 from pocketgs.scene.gaussians import PARAMETERS, Gaussians
 from pocketgs.scene.warning import SceneWarning
 from pocketgs.splat.engine import Engine
@@ -148,6 +149,15 @@ def test_the_unit_of_length_does_not_matter(
         assert found.within_bound
         counts.append(found.chosen.count)
     assert counts[1] == pytest.approx(counts[0], rel=0.15)
+
+
+def test_a_large_gaussian_of_the_background_is_not_cut_for_the_bound(scene: Gaussians) -> None:
+    """In a unit of length that suits most Gaussians it would be."""
+    sizes = scene.log_scales - np.median(scene.log_scales.max(axis=1)) - 4.3
+    sizes[0] = 5.5
+    scene = replace(scene, log_scales=sizes.astype(np.float32))
+    assert suitable_factor(scene) == 10.0
+    assert rounded_as_spz(scene).log_scales.max() == pytest.approx(5.5, abs=0.1)
 
 
 @pytest.mark.parametrize("distance", [1e7, 1e30])

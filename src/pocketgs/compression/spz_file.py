@@ -40,7 +40,9 @@ def as_spz(scene: Gaussians) -> SpzFile | None:
 
 
 def rounded_as_spz(scene: Gaussians) -> Gaussians:
-    """The scene with the precision of a .spz, in a unit of length that suits the format; the order changes.
+    """The scene with the precision of a .spz; the order changes.
+
+    That is in the scene's own unit of length, as in `as_spz`, or where it would show, in one that suits the format.
 
     Args:
         scene: finite.
@@ -48,7 +50,8 @@ def rounded_as_spz(scene: Gaussians) -> Gaussians:
     Raises:
         PocketGSError: its sizes or distances differ by more than the format can hold without showing it.
     """
-    factor = suitable_factor(scene)
+    # A unit that suits the median Gaussian may cut large ones of the background, which show even if they are few.
+    factor = suitable_factor(scene) if is_visibly_cut(scene, SMALL) else 1.0
     suited = scaled(scene, factor)
     if is_visibly_cut(suited, SMALL):
         raise PocketGSError("scene: its sizes, or its distances and sizes, differ by more than a .spz can hold")
