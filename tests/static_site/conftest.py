@@ -55,8 +55,8 @@ def modules(browser: Browser, host: Host, version: Path) -> Iterator[Page]:
 def call(modules: Page) -> Callable[..., Any]:
     """A function that calls what a module of the page exports: `call("random/generator.js", script, argument)`.
 
-    The script is the body of a function of `module`, `settings` and `given`. Values travel as one text, for Playwright
-    takes seconds per megabyte of numbers; NaN and Infinity come back as those words.
+    The script is the body of a function of `module`, `settings` and `given`. Values travel as one text, since
+    Playwright takes seconds per megabyte of numbers; NaN and Infinity come back as those words.
     """
 
     def run(module: str, script: str, given: Any = None) -> Any:

@@ -72,8 +72,8 @@ class Judge:
         has photographed differ by 10 dB, and a few of them decide the mean.
         """
         seen = len(self.views.judges)
-        by_view = _psnr(errors(self.engine, scene, self.views, self.views.judges))
-        on_judges = float(by_view.mean()) if seen else 0.0
+        by_view = _psnr(errors(self.engine, scene, self.views, self.views.judges)) if seen else np.zeros(1)
+        on_judges = float(by_view.mean())
         if self.least is not None:
             gains = by_view - self.least
             return float(self.least.mean() + min(gains.mean(), np.median(gains)))

@@ -51,8 +51,8 @@ def rounded_as_spz(scene: Gaussians) -> Gaussians:
         PocketGSError: its sizes or distances differ by more than the format can hold without showing it.
     """
     # A unit that suits the median Gaussian may cut large ones of the background, which show even if they are few.
-    factor = suitable_factor(scene) if is_visibly_cut(scene, SMALL) else 1.0
-    suited = scaled(scene, factor)
-    if is_visibly_cut(suited, SMALL):
-        raise PocketGSError("scene: its sizes, or its distances and sizes, differ by more than a .spz can hold")
-    return scaled(rounded(suited, SMALL), 1.0 / factor)
+    for factor in (1.0, suitable_factor(scene)):
+        suited = scaled(scene, factor)
+        if not is_visibly_cut(suited, SMALL):
+            return scaled(rounded(suited, SMALL), 1.0 / factor)
+    raise PocketGSError("scene: its sizes, or its distances and sizes, differ by more than a .spz can hold")

@@ -59,7 +59,7 @@ export function findImages(tree, folder, named, where, suffixes, bounds, leaveOu
 
 /** The files at stated paths from the closest folder around the capture's that has one; and a warning. */
 function statedFromAround(tree, named, where, suffixes) {
-    for (const place of foldersAround(tree)) {
+    for (const place of foldersAround(tree).slice(1)) {
         try {
             const files = findStated(tree, place, named, where, suffixes);
             if (files.some(Boolean)) {
@@ -72,8 +72,8 @@ function statedFromAround(tree, named, where, suffixes) {
     return [[], []];
 }
 
-/** The folders around a capture's, the closest first: `../`, `../../`. @type {(tree: FileTree) => string[]} */
-const foldersAround = (tree) => Array.from({ length: tree.depth }, (_, i) => "../".repeat(i + 1));
+/** The capture's folder and those around it: "", `../`, `../../`. @type {(tree: FileTree) => string[]} */
+const foldersAround = (tree) => Array.from({ length: tree.depth + 1 }, (_, i) => "../".repeat(i));
 
 /**
  * The files that `findImages` finds in the stated folders. Case, the separator of folders, the encoding of accents, and
@@ -114,11 +114,11 @@ export function findStated(tree, folder, named, where, suffixes = [""]) {
 export function findMoved(tree, stated, where, { deepest }, photograph = null) {
     if (!isRooted(stated)) {
         const path = tree.inside("", stated, where);
-        return ["", ...foldersAround(tree)].map((place) => tree.find(place + path)).find(Boolean);
+        return foldersAround(tree).map((place) => tree.find(place + path)).find(Boolean);
     }
     const parts = partsOf(stated.replace(/^[a-z]:/i, "")).slice(-deepest - 1);
     const ends = parts.map((_, start) => parts.slice(start).join("/"));
-    const files = ends.flatMap((end) => ["", ...foldersAround(tree)].map((place) => tree.find(place + end)));
+    const files = ends.flatMap((end) => foldersAround(tree).map((place) => tree.find(place + end)));
     return files.find((file) => file && file.path !== photograph?.path);
 }
 
