@@ -6,6 +6,7 @@ Test processes that start side by side without machine code would each compile t
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from importlib.util import find_spec
 from multiprocessing import Process
 from pathlib import Path
@@ -13,22 +14,20 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from pocketgs.capture import Frame
 from pocketgs.capture.synthetic import demo_capture
-from pocketgs.geometry.camera import Camera
-from pocketgs.geometry.lens import Lens
-from pocketgs.scene.gaussians import Gaussians
+from pocketgs.geometry.lens import COEFFICIENT_COUNTS, Lens
 from pocketgs.sort_free.renderer import SortFreeRenderer
 from pocketgs.sort_free.scene import sort_free
 from pocketgs.splat.cpu.engine import CpuEngine
 from pocketgs.splat.rasterizer import Rasterizer
-from pocketgs.system.compile import folder_of, is_compiled
+from pocketgs.system.compile import is_compiled
 from pocketgs.system.compiled_variants import is_compiled_for
 from pocketgs.training.options import TrainingOptions
 from pocketgs.training.planning.machine import ENGINE_KERNELS, FEATURE_KERNELS, PRIOR_KERNELS, SWEEP_KERNELS
 from pocketgs.training.preparation import prepare
+from splat.training_step import camera_in_front, of_every_size, photograph
 
-LENSES = (Lens("opencv", (0.01, 0.0, 0.0, 0.0)), Lens("fisheye", (0.01, 0.0, 0.0, 0.0)), Lens("orthographic"))
+CAMERA, SCENE = camera_in_front(16, 16, 16.0), of_every_size(seed=0)
 
 
 def compile_engine() -> None:
@@ -39,23 +38,22 @@ def compile_engine() -> None:
 
 def compile_lenses() -> None:
     """Compile the CPU engine for each lens."""
-    for lens in LENSES:
-        if not is_compiled_for(ENGINE_KERNELS, lens.model):
-            CpuEngine().set_views([Frame("", a_camera(lens), np.zeros((16, 16, 3), np.uint8))])
+    for model, counts in COEFFICIENT_COUNTS.items():
+        if not is_compiled_for(ENGINE_KERNELS, model):
+            lens = Lens(model, (0.01,) * max(counts))
+            CpuEngine().set_views([photograph(replace(CAMERA, lens=lens))])
 
 
 def compile_outputs() -> None:
     """Compile what only the rasterizer, scenes without sorting and compressed files need."""
-    if is_compiled("sort_free"):
-        return
-    rasterizer, scene = Rasterizer(), a_scene()
-    raster = rasterizer.forward(scene, a_camera(), ("rgb", "contributions"))
+    rasterizer = Rasterizer()
+    raster = rasterizer.forward(SCENE, CAMERA, ("rgb", "contributions"))
     rasterizer.backward(raster, rgb=np.ones_like(raster.rgb))
     renderer = SortFreeRenderer()
-    drawn = renderer.forward(sort_free(scene, "visibility", 1.0), a_camera())
+    drawn = renderer.forward(sort_free(SCENE, "visibility", unit=1.0), CAMERA)
     renderer.backward(drawn, rgb=np.ones_like(drawn.rgb))
     with TemporaryDirectory() as folder:
-        scene.save(Path(folder) / "scene.pgs")
+        SCENE.save(Path(folder) / "scene.pgs")
 
 
 def compile_prior() -> None:
@@ -66,32 +64,20 @@ def compile_prior() -> None:
 
 def compile_operators() -> None:
     """Compile what `pocketgs.torch` needs, if PyTorch is there, for each of its camera models."""
-    if find_spec("torch") is None or any(folder_of("splat.cpu.operators").rglob("*.nbc")):
+    if find_spec("torch") is None or is_compiled("splat.cpu.operators"):
         return
     import torch
 
     from pocketgs.torch import rasterization
 
-    scene, camera = a_scene(), a_camera()
-    columns = (scene.means, scene.quaternions, np.exp(scene.log_scales), np.full(len(scene), 0.5), scene.sh)
+    opacities = np.full(len(SCENE), 0.5)
+    columns = (SCENE.means, SCENE.quaternions, np.exp(SCENE.log_scales), opacities, SCENE.sh)
     tensors = [torch.tensor(column, dtype=torch.float32, requires_grad=True) for column in columns]
-    poses = torch.tensor(camera.world_to_camera, dtype=torch.float32)[None].requires_grad_()
-    intrinsics = torch.tensor([[[16.0, 0.0, 8.0], [0.0, 16.0, 8.0], [0.0, 0.0, 1.0]]])
+    poses = torch.tensor(CAMERA.world_to_camera, dtype=torch.float32)[None].requires_grad_()
+    intrinsics = torch.tensor(CAMERA.intrinsic_matrix, dtype=torch.float32)[None]
     for model in ("pinhole", "ortho", "fisheye"):
         image, *_ = rasterization(*tensors, poses, intrinsics, 16, 16, sh_degree=0, camera_model=model)
         image.sum().backward()
-
-
-def a_camera(lens: Lens | None = None) -> Camera:
-    """A small camera at the origin."""
-    return Camera(16, 16, 16.0, 16.0, 8.0, 8.0, np.eye(4), lens or Lens())
-
-
-def a_scene() -> Gaussians:
-    """Some Gaussians before that camera."""
-    means = np.random.default_rng(0).uniform((-1.0, -1.0, 3.0), (1.0, 1.0, 5.0), (64, 3))
-    quaternions = np.tile((1.0, 0.0, 0.0, 0.0), (64, 1))
-    return Gaussians(means, np.full((64, 3), -2.0), quaternions, np.zeros(64), np.zeros((64, 1, 3)))
 
 
 def compile_in_turn(*steps: Callable[[], None]) -> None:
