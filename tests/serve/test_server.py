@@ -25,9 +25,9 @@ from PIL import Image
 from files.test_full_disk import files_of_at_most
 from pocketgs.results.checkpoint import CHECKPOINT
 from pocketgs.results.video import write_video
-from pocketgs.scene.formats import read_scene
+from pocketgs.scene.formats import read_scene, write_scene
 from pocketgs.scene.gaussians import Gaussians
-from pocketgs.serve import pieces, shelf, uploads
+from pocketgs.serve import downloads, pieces, shelf, uploads
 from pocketgs.serve.entry import Entry, UploadedFile
 from pocketgs.serve.pieces import MAX_PIECE
 from pocketgs.serve.server import ServeOptions, serving_folder
@@ -477,6 +477,44 @@ def test_downloads_and_the_viewer(serve: Serve, folder: Path, photographs: dict[
     assert (viewer["title"], viewer["live"]) == ('a "quoted"/ü\\title;', False)
     assert fetch(phone.url, view + viewer["scene"]["url"]).body == (result / "scene.ply").read_bytes()
     assert fetch(phone.url, view + "live").status == 404
+
+
+def test_many_downloads_leave_the_page_alone(
+    serve: Serve, folder: Path, photographs: dict[str, bytes], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A button that is pressed again and again: the scene is converted once, and meanwhile everything else goes on."""
+    phone = serve()
+    identity = phone.upload(photographs)
+    phone.until(identity, "queued")
+    (folder / "captures" / identity / "result").mkdir()
+    scene = Gaussians(*(np.zeros((1, *tail)) for tail in ((3,), (3,), (4,), (), (1, 3))))
+    scene.save(folder / "captures" / identity / "result" / "scene.ply")
+    begun, may_end, statuses = [], threading.Event(), []
+
+    def write(path: Path, scene: Gaussians) -> None:
+        begun.append(path.name)
+        may_end.wait(60)
+        write_scene(path, scene)
+
+    monkeypatch.setattr(downloads, "write_scene", write)
+
+    def get() -> None:
+        statuses.append(fetch(phone.url, f"captures/{identity}/scene.spz").status)
+
+    threads = [threading.Thread(target=get) for _ in range(40)]
+    for thread in threads:
+        thread.start()
+    while not begun:
+        time.sleep(0.01)
+    time.sleep(0.5)  # until all requests have arrived
+    try:
+        assert fetch(phone.url, "").status == 200
+        assert fetch(phone.url, f"captures/{identity}/scene.ply").status == 200
+    finally:
+        may_end.set()
+        for thread in threads:
+            thread.join()
+    assert (begun, statuses) == (["scene.spz"], [200] * 40)
 
 
 def test_the_page_and_its_modules(serve: Serve) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from playwright.sync_api import Browser, Page, Route, expect
+from playwright.sync_api import Browser, FilePayload, Page, Route, expect
 
 from pocketgs.site.write import write_site
 from static_site.hosting import Host, hosting
@@ -130,6 +130,55 @@ def test_a_run_of_an_older_site_shows_once_the_other_tab_is_closed(browser: Brow
         with second.expect_download(timeout=PATIENCE) as saved:
             second.locator("#save-ply").click(timeout=PATIENCE)
         assert b"element vertex 3\n" in Path(saved.value.path()).read_bytes()[:200]
+
+
+WAIT_FOR_DEVICE = """
+const request = GPUAdapter.prototype.requestDevice;
+const told = new Promise((resolve) => (new BroadcastChannel("device").onmessage = resolve));
+GPUAdapter.prototype.requestDevice = async function (...given) {
+    await told;
+    return request.apply(this, given);
+};
+"""
+"""Runs before the page's worker: it has no GPU until it is told so."""
+
+NAME = """async () => {
+    const folder = await (await navigator.storage.getDirectory()).getDirectoryHandle("run");
+    return JSON.parse(await (await (await folder.getFileHandle("capture.json")).getFile()).text()).name;
+}"""
+
+
+def test_a_run_that_began_beside_another_tab_does_not_replace_what_that_kept(
+    browser: Browser, host: Host, capture_folder: Path
+) -> None:
+    """Nobody was asked about it, since it was not known when the run began."""
+    with browser.new_context() as context:
+        first, second = context.new_page(), context.new_page()
+        first.goto(host.address)
+        first.locator("#start").wait_for(timeout=PATIENCE)
+        first.evaluate(BEGIN, "this site")
+
+        def delay_device(route: Route) -> None:
+            response = route.fetch()
+            route.fulfill(response=response, body=WAIT_FOR_DEVICE + response.text())
+
+        context.route("**/worker.js", delay_device)
+        second.goto(host.address)
+        expect(second.locator("#message-text")).to_contain_text("Another tab of this page", timeout=PATIENCE)
+        second.locator("#start").wait_for(timeout=PATIENCE)
+        for name, value in {"most": 64, "iterations": 3, "gaussians": 100}.items():
+            second.locator(f"#{name}").fill(str(value))
+        second.locator("#depth").uncheck()
+        files = {path.relative_to(capture_folder).as_posix(): path.read_bytes() for path in capture_folder.rglob("*.*")}
+        archive = FilePayload(name="new.zip", mimeType="application/zip", buffer=zip_of(files))
+        second.locator("#archive-input").set_input_files(archive)
+        expect(second.locator("#stage")).to_contain_text("opening", timeout=PATIENCE)
+        first.close()
+        expect(second.locator("#go-on")).to_contain_text("toys, 2 of 9", timeout=PATIENCE)
+        second.evaluate("() => new BroadcastChannel('device').postMessage(null)")
+        second.locator("#save-ply").wait_for(timeout=PATIENCE)
+        expect(second.locator("#message-text")).to_contain_text("This run cannot be kept")
+        assert second.evaluate(NAME) == "toys"
 
 
 def test_a_site_that_is_written_anew(browser: Browser, tmp_path: Path) -> None:

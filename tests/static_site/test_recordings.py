@@ -31,6 +31,51 @@ FRAMES = """
     return [video.count, found];
 """
 
+FRAMES_OF_FEW = """
+    // A decoder that has room for so many frames: it gives the next one when one of them is closed.
+    const Roomy = VideoDecoder;
+    let room = given.room;
+    self.VideoDecoder = class extends Roomy {
+        #ready;
+        constructor({output, error}) {
+            const ready = [];
+            const give = () => {
+                while (room && ready.length) {
+                    const frame = ready.shift();
+                    frame.close = () => {
+                        VideoFrame.prototype.close.call(frame);
+                        room += 1;
+                        setTimeout(give);
+                    };
+                    room -= 1;
+                    output(frame);
+                }
+            };
+            super({output: (frame) => { ready.push(frame); give(); }, error});
+            this.#ready = ready;
+        }
+        async flush() {
+            await super.flush();
+            while (this.#ready.length) {
+                await new Promise((resolve) => setTimeout(resolve));
+            }
+        }
+    };
+    try {
+        const bytes = Uint8Array.from(atob(given.content), (character) => character.charCodeAt(0));
+        let count = 0;
+        const decoding = (async () => {
+            for await (const _ of new module.Video("rgb.mp4", bytes).frames(given.wanted)) {
+                count += 1;
+            }
+        })();
+        await Promise.race([decoding, new Promise((resolve) => setTimeout(resolve, 60_000))]);
+        return [count, room];
+    } finally {
+        self.VideoDecoder = Roomy;
+    }
+"""
+
 
 @pytest.fixture
 def stray_scanner(small_capture: Capture, copied_phone: Callable[[str], Path]) -> Path:
@@ -151,6 +196,15 @@ def test_frames_of_a_video_are_pythons(
             assert np.quantile(off, 0.999) <= 8
         else:  # each decoder guesses how colours are coded
             assert off.mean() < 12
+
+
+def test_decoders_with_room_for_few_frames(call: Call, small_capture: Capture, tmp_path: Path) -> None:
+    """As those in a phone's hardware: with all their frames open, they do not get to the end of a video."""
+    path = tmp_path / "rgb.mp4"
+    images = [frame.image for frame in in_order(small_capture)] * 3
+    write_h264(path, images)
+    given = {"content": base64.b64encode(path.read_bytes()).decode(), "wanted": [*range(len(images))], "room": 2}
+    assert call("capture/video.js", FRAMES_OF_FEW, given) == [len(images), 2]
 
 
 def test_a_browser_that_lacks_the_codec_is_named(call: Call, small_capture: Capture, tmp_path: Path) -> None:

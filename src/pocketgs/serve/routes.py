@@ -23,8 +23,8 @@ from pocketgs.serve.declaration import (
     checked_effort,
     clean_title,
 )
-from pocketgs.serve.downloads import SUFFIXES as DOWNLOADS
-from pocketgs.serve.downloads import disposition, scene_file
+from pocketgs.serve.downloads import SUFFIXES as DOWNLOAD_SUFFIXES
+from pocketgs.serve.downloads import Downloads, disposition
 from pocketgs.serve.entry import Entry, State
 from pocketgs.serve.pages import Pages
 from pocketgs.serve.pieces import MAX_PIECE
@@ -136,6 +136,7 @@ class _Routes:
     def __init__(self, shelf: Shelf, queue: Queue, uploads: Uploads, bounds: Bounds, effort: str) -> None:
         self._shelf, self._queue, self._uploads = shelf, queue, uploads
         self._bounds, self._effort = bounds, effort
+        self._downloads = Downloads()
 
     async def index(self, request: web.Request) -> web.StreamResponse:
         return await send_file(request, PAGE / "index.html")
@@ -173,10 +174,10 @@ class _Routes:
 
     async def download(self, request: web.Request) -> web.StreamResponse:
         entry, suffix = self._entry(request), request.match_info["suffix"]
-        if suffix not in DOWNLOADS:
+        if suffix not in DOWNLOAD_SUFFIXES:
             raise web.HTTPNotFound
         try:
-            path = await asyncio.to_thread(scene_file, self._shelf.place(entry), suffix)
+            path = await self._downloads.scene_file(self._shelf.place(entry), suffix)
         except OSError as error:
             raise web.HTTPNotFound from error
         return await send_file(request, path, open_in_place, {"Content-Disposition": disposition(entry.title, suffix)})

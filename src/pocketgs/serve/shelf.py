@@ -4,6 +4,7 @@ FOLDER/captures/ID/about.json      what is known of it
 FOLDER/captures/ID/upload/         its files as they arrive
 FOLDER/captures/ID/capture/        an archive's content
 FOLDER/captures/ID/result/         the result folder of `pocketgs train`
+FOLDER/captures/ID/downloads/      the scene in other formats, once they were asked for
 FOLDER/captures/ID/thumbnail.jpg
 FOLDER/captures/ID/train.log       what the last run printed
 FOLDER/trash/ID/                   the same, after it was deleted

@@ -57,7 +57,7 @@ from pocketgs.splat.webgpu.memory import (
     INTERSECTIONS_PER_GAUSSIAN,
     MIN_INTERSECTIONS,
 )
-from pocketgs.splat.webgpu.steps_ahead import MAX_PENDING, SECONDS_AHEAD
+from pocketgs.splat.webgpu.steps_ahead import MAX_PENDING, MAX_STREAMED, SECONDS_AHEAD
 from pocketgs.splat.webgpu.variant import Variant
 from pocketgs.training.dropout import ENOUGH_VIEWS, FEW_VIEWS, MOST_POINTS
 from pocketgs.training.options import TrainingOptions
@@ -120,6 +120,7 @@ def _engine() -> dict[str, Any]:
         "intersection_bytes": INTERSECTION_BYTES[Variant().accumulation],
         "growth": GROWTH,
         "most_ahead": MAX_PENDING,
+        "streamed_ahead": MAX_STREAMED,
         "seconds_ahead": SECONDS_AHEAD,
     }
 

@@ -70,8 +70,8 @@ async function act(action, capture) {
         const title = await askForTitle(capture.title, shelf.bounds);
         await (title && tell(`${path}/rename`, { title }));
     } else if (action === "delete") {
-        uploads.get(capture.id)?.cancel();
         await tell(`${path}/delete`);
+        uploads.get(capture.id)?.cancel();
         showToast(`Deleted ${capture.title}`, () => attempt(() => tell(`${path}/restore`)));
     } else if (action.startsWith("train-")) {
         await tell(`${path}/train`, { effort: action.slice("train-".length) });

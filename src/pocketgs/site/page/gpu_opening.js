@@ -41,7 +41,7 @@ export class GpuOpening {
         opening.then(
             ({ lost }) => {
                 this.#onOpen();
-                lost.then(() => this.#begin(TRIES));
+                lost.then(() => void this.#begin(TRIES));
             },
             (error) => {
                 this.#opening = null;

@@ -53,6 +53,8 @@ let serving = Promise.resolve();
 const opening = new GpuOpening(openGpu, () => tell("ready"), complain);
 /** Null where the browser keeps nothing, and while another page keeps a run. @type {KeptRun | null} */
 let kept = null;
+/** What `kept` was when the run began: only then has the page asked whether an earlier one may be lost. */
+let keeper = kept;
 await openKept();
 
 self.addEventListener("message", async ({ data }) => {
@@ -99,19 +101,20 @@ async function readied(picked, { iterations, refines, ...wish }) {
 /** Go on with the run of an earlier visit. */
 async function goOn() {
     await endLast();
-    const { name, capture, options, checkpoint } = await kept.read();
+    const { name, capture, options, checkpoint } = await keeper.read();
     await perform(name, capture, options, await compiled(), true, (run) => run.goOn(checkpoint, cancelling.signal));
 }
 
 /** Give the scene of an earlier visit's run as it is kept. */
 async function give() {
     await endLast();
-    const { checkpoint } = await kept.read();
+    const { checkpoint } = await keeper.read();
     tell("done", { scene: await filesOf(sceneOf(checkpoint)), isKept: true });
 }
 
 async function endLast() {
     cancelling = new AbortController();
+    keeper = kept;
     run?.close();
     run = null;
     await serving;
@@ -160,12 +163,12 @@ async function perform(name, capture, options, gpu, isKept, work) {
         onPicture: (picture) => tell("picture", { picture }),
         onComplaint: (text) => tell("complaint", { text }),
         onBegin: async (begun) => {
-            isKept = await isStored(kept?.begin(name, begun, options));
-            canGoOn = await tellOfKept();
+            isKept = await isStored(keeper?.begin(name, begun, options));
+            canGoOn = (await tellOfKept()) && keeper !== null;
         },
         onCheckpoint: async (checkpoint) => {
-            isKept &&= await isStored(checkpoint && kept.keep(checkpoint));
-            canGoOn = await tellOfKept();
+            isKept &&= await isStored(checkpoint && keeper.keep(checkpoint));
+            canGoOn = (await tellOfKept()) && keeper !== null;
         },
     });
     const scene = await gpu.loss.unless(work(run), () => (canGoOn ? LOST_WHILE_KEPT : LOST_UNKEPT));

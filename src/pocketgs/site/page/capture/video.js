@@ -51,12 +51,13 @@ export class Video {
         try {
             for (const { start, size, time, isKey } of samples) {
                 const data = this.#bytes.subarray(start, start + size);
-                yield* this.#taken(await decoding.add({ type: isKey ? "key" : "delta", timestamp: time, data }), left);
+                const sample = { type: isKey ? "key" : "delta", timestamp: time, data };
+                yield* this.#taken(decoding.add(sample), left);
                 if (!left.size) {
                     return;
                 }
             }
-            yield* this.#taken(await decoding.end(), left);
+            yield* this.#taken(decoding.rest(), left);
         } catch (error) {
             throw error instanceof DOMException ? this.#broken(error.message) : error;
         } finally {
@@ -67,8 +68,8 @@ export class Video {
         }
     }
 
-    *#taken(frames, left) {
-        for (const frame of frames) {
+    async *#taken(frames, left) {
+        for await (const frame of frames) {
             const { width, height } = frame.visibleRect;
             const pixels = drawn(frame, width, height);
             left.delete(this.#track.shown.get(frame.timestamp));
@@ -82,7 +83,7 @@ export class Video {
     }
 }
 
-/** A decoder whose frames are taken as they come. */
+/** A decoder whose frames are taken as they come: it may give no more of them until those are closed. */
 class Decoding {
     #decoder;
     #found = [];
@@ -104,21 +105,18 @@ class Decoding {
         this.#decoder.addEventListener("dequeue", () => this.#wake());
     }
 
-    /** Decode one more sample, and take the frames that have come. */
-    async add(sample) {
-        while (!this.#error && this.#decoder.decodeQueueSize >= MOST_WAITING) {
-            await new Promise((resolve) => (this.#wake = resolve));
-        }
-        this.#require();
+    /** Decode one more sample. @yields {VideoFrame} those that have come */
+    async *add(sample) {
+        yield* this.#until(() => this.#decoder.decodeQueueSize < MOST_WAITING);
         this.#decoder.decode(new EncodedVideoChunk(sample));
-        return this.#found.splice(0);
     }
 
-    /** Take the last frames. */
-    async end() {
-        this.#require();
-        await this.#decoder.flush();
-        return this.#found.splice(0);
+    /** @yields {VideoFrame} those that are left */
+    async *rest() {
+        let isFlushed = false;
+        const flushing = this.#decoder.flush().then(() => (isFlushed = true));
+        flushing.catch((error) => (this.#error ??= error)).then(() => this.#wake());
+        yield* this.#until(() => isFlushed);
     }
 
     close() {
@@ -128,9 +126,18 @@ class Decoding {
         }
     }
 
-    #require() {
-        if (this.#error) {
-            throw this.#error;
+    /** @yields {VideoFrame} those that come until something is so */
+    async *#until(isSo) {
+        for (;;) {
+            if (this.#error) {
+                throw this.#error;
+            } else if (this.#found.length) {
+                yield this.#found.shift();
+            } else if (isSo()) {
+                return;
+            } else {
+                await new Promise((resolve) => (this.#wake = resolve));
+            }
         }
     }
 }

@@ -145,7 +145,9 @@ export class Trainer {
     step(view, rates, dropout = {}) {
         this.#firstPending ||= performance.now();
         this.#submit({ view, rates, dropout });
-        return this.#pending.length >= this.#most;
+        const isStreamed = this.#frames[view].pixels !== null;
+        const most = isStreamed ? this.#settings.engine.streamed_ahead : Infinity;
+        return this.#pending.length >= Math.min(this.#most, most);
     }
 
     /** Wait until all steps are completed. */
