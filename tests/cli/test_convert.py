@@ -17,6 +17,8 @@ from pocketgs.results.cameras_file import write_cameras
 from pocketgs.scene.edits import rotated, scaled, translated
 from pocketgs.scene.formats import read_scene
 from pocketgs.scene.gaussians import Gaussians
+from pocketgs.sort_free.file import read_sort_free, write_sort_free
+from pocketgs.sort_free.scene import sort_free
 from scene.formats.scenes import random_scene
 
 
@@ -119,6 +121,8 @@ def test_missing_scene(tmp_path: Path, pocketgs: Callable[..., Any]) -> None:
     outcome = pocketgs("convert", tmp_path / "scene.spz", tmp_path / "out.ply")
     assert outcome.status == 2
     assert "scene.spz: no such file" in outcome.errors
+    outcome = pocketgs("convert", tmp_path / "result", tmp_path / "out.ply")
+    assert "result: no such file or folder, expected a scene file or a result folder" in outcome.errors
 
 
 @pytest.mark.parametrize("command", ["info", "convert"])
@@ -189,6 +193,24 @@ def test_warnings_about_scenes(tmp_path: Path, pocketgs: Callable[..., Any], sce
     replace(scene, means=means).save(far)
     errors = pocketgs("convert", far, tmp_path / "far.pgs").errors
     assert errors.startswith(f"warning: {tmp_path / 'far.pgs'}: centres are rounded")
+
+
+@pytest.mark.parametrize("form", ["visibility", "lc"])
+def test_sort_free_gaussians_that_are_not_drawn(tmp_path: Path, pocketgs: Callable[..., Any], form: str) -> None:
+    """They are left out with their weights, or because of these."""
+    free, broken = sort_free(random_scene(30, 1), form, 2.0), tmp_path / "broken.ply"
+    free.gaussians.means[3] = np.nan
+    if form == "lc":
+        free.visibility_sh[5] = np.inf
+    left_out = [3, 5] if form == "lc" else [3]
+    write_sort_free(broken, free)
+    for name in ("out.ply", "out.pgs"):
+        outcome = pocketgs("convert", broken, tmp_path / name)
+        assert outcome.status == 0
+        found = f"{len(left_out)} of 30 Gaussians hold NaN or infinity and are left out"
+        assert f"warning: {broken}: {found}" in outcome.errors
+    kept = read_sort_free(tmp_path / "out.ply")
+    np.testing.assert_array_equal(kept.visibility_sh, np.delete(free.visibility_sh, left_out, axis=0))
 
 
 def test_gaussians_that_are_not_drawn(tmp_path: Path, pocketgs: Callable[..., Any], scene: Gaussians) -> None:

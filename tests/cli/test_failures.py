@@ -254,7 +254,7 @@ def test_resume(refused: Callable[..., str], written_capture: Path, result: Path
     command = ["train", written_capture, "--resume", "--prior", "none", "--output"]
     assert "40 iterations are already done" in refused(*command, result, "--iterations", "40")
     assert "holds no unfinished.npz or checkpoint.npz" in refused(*command, tmp_path / "new")
-    others = [["--seed", "1"], ["--recipe", "reference"], ["--sh-degree", "2"], ["--hold-out", "4"]]
+    others = [["--seed", "1"], ["--recipe", "reference"], ["--sh-degree", "1"], ["--hold-out", "4"]]
     others += [["--prior", "sparse"], ["--no-bundle"], ["--source-views", "2"], ["--max-keyframes", "5"]]
     others += [["--colours", "on"], ["--transients", "keep"], ["--background", "1", "1", "1"]]
     for option in [*others, ["--exposure", "off"], ["--max-gaussians", "100"]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
@@ -83,6 +84,22 @@ def test_video(pocketgs: Callable[..., Any], result: Path, written_capture: Path
         assert found
         assert psnr(cv2.cvtColor(frame, cv2.COLOR_BGR2RGB), picture) > 25
     assert not video.read()[0]
+
+
+def test_views_of_two_sizes_make_no_video(
+    pocketgs: Callable[..., Any], result: Path, capture_folder: Path, tmp_path: Path
+) -> None:
+    document = json.loads((capture_folder / "transforms.json").read_text())
+    frame = document["frames"][1]
+    frame |= {"w": 72, "h": 96, "fl_x": 80.0, "fl_y": 80.0, "cx": 36.0, "cy": 48.0}
+    path = capture_folder / frame["file_path"]
+    Image.open(path).transpose(Image.Transpose.ROTATE_90).save(path)
+    (capture_folder / "transforms.json").write_text(json.dumps(document))
+    outcome = pocketgs("render", result, capture_folder, "--views", "train", "--output", tmp_path / "film.mp4")
+    assert outcome.status == 2
+    found = "film.mp4: found views of 72x96 and of 96x72, expected one size in a video: name a folder, or --views path"
+    assert found in outcome.errors
+    assert not (tmp_path / "film.mp4").exists()
 
 
 @pytest.mark.parametrize(

@@ -64,7 +64,7 @@ def test_result_folder(result: Path) -> None:
     assert 15 < record["psnr"] < 60
     assert 0.3 < record["ssim"] < 1
     assert record["protocol"] == "96x72, held out every 8th by name"
-    assert 50 < record["peak_rss_mb"] <= peak_rss_mb()
+    assert 50 < record["peak_rss_mb"] <= peak_rss_mb() + 1  # the system may forget a short peak
     seconds = record["seconds"]
     assert {"startup", "capture", "seeding", "compilation", "training", "evaluation", "writing", "total"} <= set(
         seconds
@@ -259,7 +259,7 @@ def test_default_folder(
 def test_resumed_run_is_the_uninterrupted_one(
     pocketgs: Callable[..., Any], written_capture: Path, tmp_path: Path
 ) -> None:
-    """To the last bit, though Ctrl-C stopped it half-way."""
+    """To the last bit, though Ctrl-C stopped it half-way. What the recipe decided may be spelled out."""
     stopped, whole = tmp_path / "stopped", tmp_path / "whole"
 
     def press_ctrl_c(progress: Progress) -> None:
@@ -275,7 +275,8 @@ def test_resumed_run_is_the_uninterrupted_one(
     assert (first.summary["iterations"], first.summary["interrupted"]) == (10, True)
     assert record_of(stopped)["interrupted"] is True
     half = (stopped / "scene.ply").read_bytes()
-    resumed = pocketgs("train", written_capture, "--output", stopped, "--iterations", 20, "--resume", *PLAIN)
+    resume = ("--output", stopped, "--iterations", 20, "--resume", "--sh-degree", 2)
+    resumed = pocketgs("train", written_capture, *resume, *PLAIN)
     assert (resumed.status, resumed.errors) == (0, "")
     assert pocketgs("train", written_capture, "--output", whole, "--iterations", 20, *PLAIN).status == 0
     assert (stopped / "scene.ply").read_bytes() == (whole / "scene.ply").read_bytes() != half

@@ -458,3 +458,15 @@ def test_mistakes_are_named(camera: Camera, make_gaussians: MakeGaussians) -> No
         rasterizer.backward(raster, depth=np.zeros((29, 37)))
     with pytest.raises(PocketGSError, match=r"gradient of rgb has shape \(29, 37\), expected \(29, 37, 3\)"):
         rasterizer.backward(raster, rgb=np.zeros((29, 37)))
+    for other in (Rasterizer("reference"), Rasterizer("cpu", compositor="sum")):
+        with pytest.raises(PocketGSError, match="found an image of another engine or compositor"):
+            other.backward(raster, rgb=np.zeros((29, 37, 3)))
+
+
+def test_outputs_may_be_any_names(camera: Camera, make_gaussians: MakeGaussians) -> None:
+    """One, or names that can be read once only."""
+    gaussians = make_gaussians(count=4)
+    one, several = (Rasterizer().forward(gaussians, camera, names) for names in ("rgb", iter(["rgb", "alpha"])))
+    np.testing.assert_array_equal(one.rgb, several.rgb)
+    assert one.alpha is None
+    assert several.alpha is not None

@@ -24,6 +24,7 @@ from pocketgs.results.transients import without_transients_of
 from pocketgs.scene.formats import is_scene_name, read_scene
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.sort_free.drawing import drawing_of
+from pocketgs.sort_free.edits import edited
 from pocketgs.sort_free.file import is_sort_free, read_sort_free
 from pocketgs.sort_free.scene import SortFreeScene
 from pocketgs.splat.choose_engine import create_engine
@@ -80,6 +81,8 @@ def load_scene(path: Path) -> Gaussians:
         raise PocketGSError(f"{path}: a scene that is drawn without sorting, expected one that is sorted")
     if _holds(path, UNBUNDLED):
         raise PocketGSError(f"{path}: an unbundled SOG, expected a file: zip what is in the folder as a .sog")
+    if not path.exists():
+        raise PocketGSError(f"{path}: no such file or folder, expected a scene file or a result folder")
     return read_scene(path / SCENE if path.is_dir() else path)
 
 
@@ -95,11 +98,21 @@ def load_any(path: Path) -> AnyScene:
 def without_broken(path: Path, gaussians: Gaussians) -> Gaussians:
     """The Gaussians without those that hold NaN or infinity, which are not drawn; a warning says how many."""
     finite = gaussians.is_finite
+    return gaussians if _are_all(finite, path) else gaussians.select(finite)
+
+
+def without_broken_weights(path: Path, scene: SortFreeScene) -> SortFreeScene:
+    """A sort-free scene without the Gaussians that hold NaN or infinity, in their weights too; with a warning."""
+    finite = scene.gaussians.is_finite & np.isfinite(scene.visibility_sh).all(axis=1)
+    return scene if _are_all(finite, path) else edited(scene, lambda gaussians: gaussians.select(finite))
+
+
+def _are_all(finite: np.ndarray, path: Path) -> bool:
+    """Whether all Gaussians are finite; otherwise a warning says how many are not."""
     broken = int(np.count_nonzero(~finite))
-    if not broken:
-        return gaussians
-    warn(path, f"{broken:,} of {len(finite):,} Gaussians hold NaN or infinity and are left out")
-    return gaussians.select(finite)
+    if broken:
+        warn(path, f"{broken:,} of {len(finite):,} Gaussians hold NaN or infinity and are left out")
+    return not broken
 
 
 def drawn_by(path: Path, options: EngineOptions) -> tuple[Renderer, int]:

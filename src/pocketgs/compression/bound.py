@@ -42,8 +42,10 @@ class SizeBound:
         """
         admitted = list(filter(self.admits, candidates))
         if not admitted:
-            smallest = f"{min(candidate.megabytes for candidate in candidates):.6f}"  # whole bytes
-            raise PocketGSError(f"compression: the smallest file has {smallest} MB, expected --size {smallest}")
+            smallest = min(candidate.megabytes for candidate in candidates)
+            # With another bound, other Gaussians are pruned, so that the smallest file has another size.
+            expected = f"expected --size of at least some {1.1 * smallest:.2g}"
+            raise PocketGSError(f"compression: the smallest file has {smallest:.6f} MB, {expected}")
         return max(admitted, key=lambda candidate: candidate.psnr)
 
 

@@ -31,6 +31,9 @@ SHRINK = "shrink"
 MAX_GAUSSIANS = "planned gaussians"
 """Key of the maximum number of Gaussians of the run."""
 
+SH_DEGREE = "SH degree"
+"""Key of the degree of the spherical harmonics."""
+
 TRAINING_CAMERAS = "training cameras"
 """Key of the digest of the training views' names and poses, as the capture's files give them."""
 
@@ -149,6 +152,7 @@ def read_checkpoint(folder: Path, run: dict[str, Any]) -> Checkpoint:
         with _arrays(path) as data:
             written = dict(json.loads(str(data["run"])))
             gaussians = Gaussians(*(data[name] for name in PARAMETERS))
+            written[SH_DEGREE] = gaussians.sh_degree  # older checkpoints have none where the recipe decided
             near = float(data["near"]) if "near" in data else None
             colours = data.get("colours")
             state = OptimiserState(data["first_moments"], data["second_moments"], int(data["steps"]), near, colours)

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 
 from pocketgs.capture.capture import Capture, Frame
-from pocketgs.results.checkpoint import MAX_GAUSSIANS, SHRINK, TRAINING_CAMERAS
+from pocketgs.results.checkpoint import MAX_GAUSSIANS, SH_DEGREE, SHRINK, TRAINING_CAMERAS
 from pocketgs.training.options import SizedOptions
 from pocketgs.training.planning.plan import Plan
+from pocketgs.training.recipes import recipe_named
 
 STEPS = 2.0**20
 """Rotations' elements, and positions relative to the farthest, count as equal if they round to the same step.
@@ -35,7 +36,7 @@ def identity_of(capture: Capture, options: SizedOptions, plan: Plan) -> dict[str
         TRAINING_CAMERAS: digest_of_cameras(capture.train),
         "recipe": options.recipe,
         "seed": options.seed,
-        "SH degree": options.sh_degree,
+        SH_DEGREE: recipe_named(options.recipe).degree_for(options.sh_degree),
         "prior": options.prior,
         "bundle": options.bundle,
         "source views": options.source_views,

@@ -66,7 +66,8 @@ class Gaussians:
     @property
     def opacities(self) -> np.ndarray:
         """(N,) opacities in (0, 1)."""
-        return 1.0 / (1.0 + np.exp(-self.opacity_logits))
+        with np.errstate(over="ignore"):  # to infinity, which gives 0
+            return 1.0 / (1.0 + np.exp(-self.opacity_logits))
 
     @property
     def unit_quaternions(self) -> np.ndarray:

@@ -24,7 +24,7 @@ def photometric_loss(
         rgb: (H, W, 3) float32, rendered.
         photo: (H, W, 3) uint8.
         settings: of the loss; None for 0.8 L1 + 0.2 (1 - SSIM). Regularisers are ignored here.
-        mask: (H, W) bool: pixels outside are ignored.
+        mask: (H, W) bool: pixels outside count as equal in SSIM's windows, and have no gradient.
 
     Returns:
         The loss, and (H, W, 3) float32, its gradient with respect to `rgb`.

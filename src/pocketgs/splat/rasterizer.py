@@ -68,6 +68,7 @@ class Raster:
 class _Tape:
     """State that `backward` needs from `forward`."""
 
+    made_by: tuple[type[Backend], CompositorName]
     parameters: Parameters
     camera: Camera
     background: np.ndarray
@@ -152,12 +153,13 @@ class Rasterizer:
             self._backend = ReferenceBackend(compositor)
         else:
             raise PocketGSError(f"rasterizer: found engine {engine!r}, expected cpu, webgpu or reference")
+        self._kind = (type(self._backend), compositor)
 
     def forward(
         self,
         parameters: Parameters,
         camera: Camera,
-        outputs: Sequence[Output] = ("rgb",),
+        outputs: Output | Iterable[Output] = ("rgb",),
         *,
         features: np.ndarray | None = None,
         background: Background = BLACK,
@@ -169,7 +171,7 @@ class Rasterizer:
         Args:
             parameters: the Gaussians; not copied, so do not change them until `backward` has been called.
             camera: of the view.
-            outputs: any of OUTPUTS; see `Raster`.
+            outputs: one or more of OUTPUTS; see `Raster`.
             features: (N, D), any D, for the output "features": features, or colours computed elsewhere. All finite: NaN
                 and infinity spread to pixels that the Gaussian does not touch.
             background: RGB behind the scene, for the output "rgb".
@@ -183,32 +185,32 @@ class Rasterizer:
             PocketGSError: an output is unknown or not of this compositor, features do not have one row per Gaussian, or
                 the near plane is negative or not finite.
         """
-        unknown = [name for name in outputs if name not in OUTPUTS]
-        if unknown:
+        names: tuple[Output, ...] = (outputs,) if isinstance(outputs, str) else tuple(outputs)
+        if unknown := [name for name in names if name not in OUTPUTS]:
             raise PocketGSError(f"rasterizer: found output {unknown[0]!r}, expected some of {', '.join(OUTPUTS)}")
-        self._check_occlusion(outputs)
-        channels = channels_of(parameters, camera, outputs, features, self._backend.dtype)
+        self._check_occlusion(names)
+        channels = channels_of(parameters, camera, names, features, self._backend.dtype)
         near = near_plane(parameters.means) if near is None else _checked_near(near)
         composite = self._backend.forward(
             parameters, camera, near, channels.rgb is not None, channels.values, antialiased
         )
         behind = np.array(checked_background(background), self._backend.dtype)
-        tape = _Tape(parameters=parameters, camera=camera, background=behind, channels=channels, composite=composite)
+        tape = _Tape(self._kind, parameters, camera, behind, channels, composite)
         images = channels.images(composite.image, composite.transmittance, behind)
         radii = contributions = median_depth = None
-        if "radii" in outputs:
+        if "radii" in names:
             radii = _scattered(len(parameters.means), composite.visible, composite.radii)
-        if "contributions" in outputs or "median_depth" in outputs:
+        if "contributions" in names or "median_depth" in names:
             contributions, median_depth = self._backend.inspect(composite)
         return Raster(
             rgb=images.rgb,
-            alpha=1.0 - composite.transmittance if "alpha" in outputs else None,
+            alpha=1.0 - composite.transmittance if "alpha" in names else None,
             depth=images.depth,
-            median_depth=median_depth if "median_depth" in outputs else None,
+            median_depth=median_depth if "median_depth" in names else None,
             normals=images.normals,
             features=images.features,
             radii=radii,
-            contributions=contributions if "contributions" in outputs else None,
+            contributions=contributions if "contributions" in names else None,
             _tape=tape,
         )
 
@@ -262,9 +264,12 @@ class Rasterizer:
             absolute: whether to sum the magnitudes of gradients with respect to centres on the image.
 
         Raises:
-            PocketGSError: a gradient belongs to an output that was not requested, or has another shape.
+            PocketGSError: another engine or compositor made the image, or a gradient belongs to an output that was not
+                requested, or has another shape.
         """
         tape = raster._tape
+        if tape.made_by != self._kind:
+            raise PocketGSError("rasterizer: found an image of another engine or compositor, expected one of these")
         channels, composite, parameters = tape.channels, tape.composite, tape.parameters
         given = {"rgb": rgb, "depth": depth, "normals": normals, "features": features, "alpha": alpha}
         d_image, d_transmittance = channels.d_images(

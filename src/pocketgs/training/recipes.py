@@ -145,6 +145,10 @@ class Recipe:
     dropout: float = 0.0
     scales_for: int | None = None
 
+    def degree_for(self, asked: int | None) -> int:
+        """Degree of the spherical harmonics of a run that asks for one, or for none."""
+        return self.sh_degree if asked is None else asked
+
     def active_degree(self, iteration: int) -> int | None:
         """Maximum degree of spherical harmonics that iteration `iteration`, counted from 1, trains; None for all."""
         return None if self.sh_every is None else min(iteration // self.sh_every, MAX_DEGREE)

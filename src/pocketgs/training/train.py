@@ -111,9 +111,9 @@ def train(
 def _first_gaussians(points: PointCloud, options: SizedOptions) -> tuple[Gaussians, tuple[str, ...]]:
     """Seeds at points, in Morton order: neighbours form clusters that most views can skip; and warnings."""
     recipe = recipe_named(options.recipe)
-    degree = recipe.sh_degree if options.sh_degree is None else options.sh_degree
     device = create_search(chosen_engine(options.engine_options), options.gpu, options.max_memory)
     search, warnings = with_room(device, len(points))
+    degree = recipe.degree_for(options.sh_degree)
     start = SEEDINGS[options.seeds](points, recipe.opacity, degree, recipe.seed_size, search)
     return start.select(morton_order(start.means)), warnings
 

@@ -11,7 +11,7 @@ import numpy as np
 import tyro
 
 from pocketgs.cli.output_file import SCENE_FILE, check_place
-from pocketgs.cli.scene_file import load_any, without_broken
+from pocketgs.cli.scene_file import load_any, without_broken, without_broken_weights
 from pocketgs.cli.terminal import Terminal
 from pocketgs.errors import PocketGSError
 from pocketgs.files.memory_bound import DEFAULT_MB, memory_bound
@@ -77,7 +77,7 @@ def convert(
 
     if isinstance(original, SortFreeScene):
         check_name(output)
-        free = edited(original, edit, scale)
+        free = edited(without_broken_weights(scene, original), edit, scale)
         free = replace(free, gaussians=_of_degree(free.gaussians, sh_degree))
         write_sort_free(output, free, detail or "fine")
         count = len(free)

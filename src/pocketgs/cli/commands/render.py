@@ -70,6 +70,11 @@ def render(
         opened = in_world_of(scene, read_for(scene, capture, reading))
     named_cameras = _cameras(opened, views, frames)
     cameras = [camera for _, camera in named_cameras]
+    sizes = sorted({(camera.width, camera.height) for camera in cameras})
+    if is_video and len(sizes) > 1:
+        (width, height), (other_width, other_height), *_ = sizes
+        found = f"found views of {width}x{height} and of {other_width}x{other_height}"
+        raise PocketGSError(f"{output}: {found}, expected one size in a video: name a folder, or --views path")
     renderings = (renderer.render(camera, opened.background, show == "depth") for camera in cameras)
     pictures = (_picture(rendering, show) for rendering in renderings)
     if is_video:

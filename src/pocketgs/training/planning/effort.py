@@ -92,8 +92,7 @@ def _standard(options: TrainingOptions, recipe: Recipe, views: Sequence[tuple[in
     pixels = sum(width * height for width, height in views)
     growth = max(pixels / SMALL_CAPTURE, 1.0)
     gaussians = options.max_gaussians or min(int(FEWEST_GAUSSIANS * growth**GAUSSIANS_POWER), MOST_GAUSSIANS)
-    degree = recipe.sh_degree if options.sh_degree is None else options.sh_degree
-    step = step_seconds(gaussians, (degree + 1) ** 2, pixels / max(len(views), 1))
+    step = step_seconds(gaussians, (recipe.degree_for(options.sh_degree) + 1) ** 2, pixels / max(len(views), 1))
     iterations = int(min(MIN_SECONDS * growth**SECONDS_POWER, MAX_SECONDS) / step)
     iterations = min(iterations, MAX_EPOCHS * len(views), MAX_ITERATIONS)
     return {

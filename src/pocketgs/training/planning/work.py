@@ -41,8 +41,7 @@ class Work:
     @property
     def coefficients(self) -> int:
         """Coefficients of spherical harmonics per channel."""
-        degree = self.options.sh_degree
-        return ((recipe_named(self.options.recipe).sh_degree if degree is None else degree) + 1) ** 2
+        return (recipe_named(self.options.recipe).degree_for(self.options.sh_degree) + 1) ** 2
 
     @property
     def columns(self) -> int:
