@@ -57,7 +57,20 @@ def test_correct_views_with_few_matches() -> None:
     assert not contradicted(cameras, features_of(cameras), all_matches(30, 48), TOLERANCE).any()
 
 
-@pytest.mark.parametrize(("by_chance", "wrong"), [(0, 60), (20, 120)])
+def test_groups_with_few_matches_say_nothing() -> None:
+    """Between two halves of the views, all of them right, pairs that share nothing have a few matches each."""
+    cameras, within = PROBLEM.true_cameras, np.column_stack([np.arange(POINTS)] * 2)
+    mixed = within.copy()
+    mixed[:, 1] = np.random.default_rng(1).permutation(POINTS)
+    halves = range(VIEWS // 2), range(VIEWS // 2, VIEWS)
+    matches = {(one, other): within for half in halves for one in half for other in half if one < other}
+    matches |= {(one, one + VIEWS // 2): mixed[20 * one :][:20] for one in halves[0]}
+    assert not contradicted(cameras, features_of(cameras), matches, TOLERANCE).any()
+    matches |= {(one, one + VIEWS // 2): mixed[40 * one :][:40] for one in halves[0]}
+    assert contradicted(cameras, features_of(cameras), matches, TOLERANCE).sum() == VIEWS // 2
+
+
+@pytest.mark.parametrize(("by_chance", "wrong"), [(0, 70), (20, 120)])
 def test_wrong_views_that_agree_with_each_other(by_chance: int, wrong: int) -> None:
     """A pair that fits by chance, as on an object that looks the same from both sides, does not save them."""
     cameras, features, matches = with_wrong_poses(), features_of(PROBLEM.true_cameras), all_matches(0, wrong)

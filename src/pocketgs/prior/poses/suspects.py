@@ -18,7 +18,13 @@ from pocketgs.prior.features.pairs import Pair
 from pocketgs.prior.features.tracks import view_distances
 
 MIN_MATCHES = 32
-"""Minimum number of matches between two groups that allows a conclusion."""
+"""Minimum number of matches with the largest group, for each view of another one, that allows a conclusion.
+
+Views that share nothing, or a repeated pattern, have 16 to 50 matches that some motion explains. Where photographs
+are few and far between, correct groups share hardly more: in every fourth photograph of a toy, whose poses are exact,
+groups of nine and of three views have 11 and 18 matches with the others for each view. Views that are wrong have
+many: six of another toy have 102 each.
+"""
 
 NEIGHBOURS = 4
 MIN_FEATURES = 0.5
@@ -57,7 +63,8 @@ def contradicted(
         return found
     for number in np.unique(group[~main]):
         between = np.ix_(group == number, main)
-        if total[between].sum() >= MIN_MATCHES and supporting[between].sum() < MIN_SUPPORT * total[between].sum():
+        least = MIN_MATCHES * np.count_nonzero(group == number)
+        if total[between].sum() >= least and supporting[between].sum() < MIN_SUPPORT * total[between].sum():
             found |= group == number
     return found
 

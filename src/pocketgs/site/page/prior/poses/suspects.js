@@ -66,7 +66,7 @@ export function contradicted(cameras, features, matches, tolerance, settings) {
     }
     for (const group of groups.filter((one) => one !== main)) {
         const between = total.between(group, main);
-        if (between >= least && supporting.between(group, main) < support * between) {
+        if (between >= least * group.length && supporting.between(group, main) < support * between) {
             group.forEach((view) => (found[view] = true));
         }
     }
