@@ -7,6 +7,9 @@ PYTHON ?= python3
 # by the number of tests they would come last.
 SIDE_BY_SIDE = -n 4 --dist loadfile --no-loadscope-reorder
 
+# Tests start hundreds of Python processes. Where this variable forbids to keep bytecode, each of them compiles every module.
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: demo test test-fast system-packages environment lint kernels lint-and-kernels bench clean
 
 # Capture and train a small built-in scene.

@@ -13,7 +13,7 @@ from pocketgs.prior.scale import estimate_scale
 @pytest.fixture(scope="session")
 def clean_walk() -> Capture:
     """Twelve views of the demo scene with exact poses, 240 x 180: large enough for features."""
-    return true_capture(width=240, height=180, frames=12, points=1)
+    return true_capture(width=240, height=180, frames=12, points=1500)
 
 
 @pytest.fixture(scope="session")

@@ -35,12 +35,19 @@ def tensors_of(scene: pocketgs.Gaussians, camera: pocketgs.Camera, dtype: torch.
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "reading"), [("fern", {"images": "images_8"}), ("lego", {"downscale": 4})])
-def test_a_trained_scene(data_folder: Path, adapter: Adapter, name: str, reading: dict[str, Any]) -> None:
+@pytest.mark.parametrize(
+    ("name", "reading", "training"),
+    [
+        ("fern", {"images": "images_8"}, {"iterations": 60, "max_keyframes": 6, "bundle": False}),
+        ("lego", {"downscale": 4}, {"iterations": 150, "prior": "none"}),
+    ],
+)
+def test_a_trained_scene(
+    data_folder: Path, adapter: Adapter, name: str, reading: dict[str, Any], training: dict[str, Any]
+) -> None:
     capture = pocketgs.open_capture(data_folder / name, **reading)
     capture = replace(capture, train=capture.train[:: max(len(capture.train) // 16, 1)])
-    small = {"iterations": 60, "max_gaussians": 6000, "max_keyframes": 6, "bundle": False}
-    scene = pocketgs.train(capture, engine="cpu", **small).scene
+    scene = pocketgs.train(capture, engine="cpu", max_gaussians=6000, evaluate_every=0, **training).scene
     camera = capture.held_out[0].camera
     size = {"width": camera.width // SIDE, "height": camera.height // SIDE}
     degree = int(scene.sh.shape[1] ** 0.5) - 1

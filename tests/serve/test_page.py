@@ -330,22 +330,11 @@ def test_an_upload_that_is_deleted_elsewhere(
     assert asked == 1
 
 
-def test_a_run_that_is_paused(browser: Browser, serve: Callable[..., Phone], zipped: bytes) -> None:
-    """It holds up the queue, so the list says how to go on."""
-    server = serve()
-    identity = server.upload({"toys.zip": zipped}, effort="best")
-    server.until(identity, lambda capture: capture["state"] == "training" and capture["progress"]["iteration"] > 0)
-    with visiting(browser, server.url, *COMPUTER, script=NO_GPU) as computer:
-        computer[".open"].click()
-        computer["#pause"].click()
-        expect(computer["#stage"]).to_have_text("paused", timeout=PATIENCE)
-        computer.page.goto(server.url)
-        sentence = re.compile(r"paused at \d+ of 1000000: open Watch to resume")
-        expect(computer[".state"]).to_have_text(sentence, timeout=PATIENCE)
-
-
 def test_a_phone_without_sockets(browser: Browser, serve: Callable[..., Phone], zipped: bytes) -> None:
-    """It watches a run by requests all the same, pauses it, and stops it."""
+    """It watches a run by requests all the same, pauses it, and stops it.
+
+    A run that is paused holds up the queue, so the list says how to go on; another window, with sockets, does.
+    """
     server = serve()
     identity = server.upload({"toys.zip": zipped}, effort="best")
     server.until(identity, lambda capture: capture["state"] == "training" and capture["progress"]["iteration"] > 0)
@@ -357,6 +346,15 @@ def test_a_phone_without_sockets(browser: Browser, serve: Callable[..., Phone], 
         phone["#pause"].click()
         expect(phone["#stage"]).to_have_text("paused", timeout=PATIENCE)
         server.until(identity, lambda capture: capture["progress"]["paused"])
+        with visiting(browser, server.url, *COMPUTER, script=NO_GPU) as computer:
+            sentence = re.compile(r"paused at \d+ of 1000000: open Watch to resume")
+            expect(computer[".state"]).to_have_text(sentence, timeout=PATIENCE)
+            computer[".open"].click()
+            expect(computer["#stage"]).to_have_text("paused", timeout=PATIENCE)
+            computer["#pause"].click()
+            expect(phone["#stage"]).to_have_text("training", timeout=PATIENCE)
+        phone["#pause"].click()
+        expect(phone["#stage"]).to_have_text("paused", timeout=PATIENCE)
         phone["#pause"].click()
         expect(phone["#stage"]).to_have_text("training", timeout=PATIENCE)
         phone["#stop"].click()

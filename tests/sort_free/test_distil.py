@@ -94,7 +94,7 @@ def test_it_gives_the_same_bits_on_any_number_of_threads(small_capture: Capture,
 @pytest.mark.parametrize("form", ["visibility", "lc"])
 def test_a_gpu_distils_as_the_cpu_does(small_capture: Capture, teacher: Gaussians, form: FormName) -> None:
     scenes = [
-        distil(teacher, small_capture, DistilOptions(form, iterations=20, engine=name)).scene
+        distil(teacher, small_capture, DistilOptions(form, iterations=8, engine=name)).scene
         for name in ("cpu", "webgpu")
     ]
     ours, gpus = (closeness(scene, small_capture) for scene in scenes)

@@ -152,8 +152,12 @@ def test_poses_of_something_else_are_refused(call: Call, walk: Walk) -> None:
 
 
 @pytest.mark.parametrize("is_inverted", [False, True])
-def test_poses_are_read_as_they_fit(call: Call, walk: Walk, is_inverted: bool) -> None:
-    """The prior has the right poses then, says so, and keeps the cloud unless the world is another one."""
+def test_poses_are_read_as_they_fit(call: Call, is_inverted: bool) -> None:
+    """Training has the right poses then, says so, and keeps the cloud unless the world is another one.
+
+    Also where memory is full once depth is computed. Few matches are enough here, since the photographs are small.
+    """
+    capture = true_capture(width=128, height=96, frames=12, points=500)
     script = (
         TYPED
         + OPEN_FINDER
@@ -163,22 +167,27 @@ def test_poses_are_read_as_they_fit(call: Call, walk: Walk, is_inverted: bool) -
         const warnings = [];
         const listener = { onStage: async () => {}, onWarning: (text) => warnings.push(text) };
         const loaded = { train: framesOf(given.frames), heldOut: [], cloud: cloudOf(given.cloud), isMetric: false };
-        const options = { most: 500, refines: true };
-        const { capture } = await module.buildPrior(loaded, options, settings, { stereo, finder }, listener);
+        const options = { gaussians: 500, seed: 0, prior: "dense", refines: true };
+        Object.assign(settings.prior.poses.convention, { min_matches: 150 });
+        const { capture } = await module.prepared(loaded, options, settings, { stereo, finder }, listener);
         device.destroy();
         const poses = capture.train.map(({ camera }) => camera.world_to_camera);
         return [poses, capture.cloud !== null, warnings, complaints];
     """
     )
-    frames = walk.capture.train[:4]
+    frames = capture.train[:3]
     mistake = np.linalg.inv if is_inverted else MISTAKES[1]
     wrong = [replace(frame, camera=misread(frame.camera, mistake)) for frame in frames]
-    given = {"frames": plain_frames(wrong), "cloud": plain_cloud(walk.capture.points)}
-    poses, has_cloud, warnings, complaints = call("prior/prior.js", script, given)
+    given = {"frames": plain_frames(wrong), "cloud": plain_cloud(capture.points)}
+    poses, has_cloud, warnings, complaints = call("training/preparation.js", script, given)
     assert complaints == []
     assert has_cloud is not is_inverted
     kind = "inverted transforms" if is_inverted else "OpenGL's camera axes in place of OpenCV's, or the reverse"
-    assert warnings == [f"The photographs fit the poses only with {kind}: they are read so."]
+    points = "points where the photographs agree" if is_inverted else "the capture's own points"
+    assert warnings == [
+        f"The photographs fit the poses only with {kind}: they are read so.",
+        f"Depth is not computed: no depth here. Training starts from {points}.",
+    ]
     first = np.linalg.inv(np.reshape(poses[0], (4, 4)))
     for frame, pose in zip(frames[1:], poses[1:], strict=True):
         expected = frame.camera.world_to_camera @ frames[0].camera.camera_to_world

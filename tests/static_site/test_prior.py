@@ -21,13 +21,19 @@ from static_site.given import OPEN_DEVICE, TYPED, WITHOUT_FEATURES, plain_cloud,
 Call = Callable[..., Any]
 
 OPEN = (
-    OPEN_DEVICE
+    """
+    const opening = async () => {
+"""
+    + OPEN_DEVICE
     + """
-    const { Stereo } = await import(new URL("prior/stereo.js", location.href));
-    const passes = await (await fetch("depth_passes.json")).json();
-    const stereo = await Stereo.open(device, passes, settings.prior.sweep);
+        const { Stereo } = await import(new URL("prior/stereo.js", location.href));
+        const passes = await (await fetch("depth_passes.json")).json();
+        return { device, complaints, stereo: await Stereo.open(device, passes, settings.prior.sweep) };
+    };
+    const { device, complaints, stereo } = await (self.opened ??= opening());
 """
 )
+"""Opens the GPU, and what computes depth on it, for the first script; those after it go on with both."""
 
 
 @pytest.fixture(scope="module")
@@ -50,6 +56,7 @@ def test_sweeps(call: Call, capture: Capture, farthest: float) -> None:
         + """
         const [keyframe, ...sources] = framesOf(given.frames);
         const search = {...given.search, farthest: given.search.farthest ?? Infinity};
+        await stereo.reserve([keyframe.camera], 5);
         const { depth, margin, step } = await stereo.sweep(keyframe, sources, search);
         // A device whose buffers hold half of the sums.
         const limit = Object.getOwnPropertyDescriptor(GPUSupportedLimits.prototype, "maxBufferSize");
@@ -61,7 +68,6 @@ def test_sweeps(call: Call, capture: Capture, farthest: float) -> None:
         const refused = await stereo.reserve([{ width: 400, height: 300 }], 5).catch(({ message }) => message);
         Object.defineProperty(GPUSupportedLimits.prototype, "maxBufferSize", limit);
         const isSame = inBands.depth.every((value, i) => value === depth[i]);
-        device.destroy();
         return [[...depth], [...margin], step, isSame, short, refused, complaints];
     """
     )
@@ -98,7 +104,6 @@ def test_clouds(call: Call, capture: Capture, has_cloud: bool, has_depth: bool) 
         const options = { most: 1500, refines: false };
         const { dense } = await module.buildPrior(loaded, options, settings, { stereo }, listener);
         const { cloud, covered, keyframes } = dense;
-        device.destroy();
         return [[...cloud.positions], [...cloud.colours], covered, keyframes, stages, complaints];
     """
     )
@@ -183,7 +188,6 @@ def test_training_starts_from_other_points_once_memory_is_full(call: Call, captu
         for (const one of given.cases) {
             outcomes.push(await outcome(one));
         }
-        device.destroy();
         return outcomes;
     """
     )

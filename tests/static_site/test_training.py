@@ -183,7 +183,7 @@ def shown_psnr(visit: Visit) -> float:
 
 
 def test_a_dropped_zip_trains_as_in_python(visit: Visit, host: Host, capture_folder: Path, tmp_path: Path) -> None:
-    choose(visit, most=64, iterations=60)
+    choose(visit, most=48, iterations=40, gaussians=1000)
     loaded = list(host.asked)
     requests: list[str] = []
     visit.page.on("request", lambda request: requests.append(request.url))
@@ -210,11 +210,12 @@ def test_a_dropped_zip_trains_as_in_python(visit: Visit, host: Host, capture_fol
     assert [url for url in requests if not url.startswith("blob:")] == []
     assert host.asked == loaded
     assert visit.complaints == []
-    size = ("--max-size", "64")
+    size = ("--max-size", "48")
     found = held_out_psnr(scene, capture_folder, *size)
     assert shown_psnr(visit) == pytest.approx(found, abs=0.02)
     expected, less = (
-        psnr_in_python(capture_folder, tmp_path / count, "--iterations", count, *size) for count in ("60", "10")
+        psnr_in_python(capture_folder, tmp_path / count, "--iterations", count, "--max-gaussians", "1000", *size)
+        for count in ("40", "10")
     )
     assert abs(found - expected) < TOLERANCE
     assert found > less + 3 * TOLERANCE
@@ -335,16 +336,13 @@ def test_recordings_of_apps(
     assert abs(mean_psnr(scene, capture) - mean_psnr(tmp_path / "python" / "scene.ply", capture)) < TOLERANCE
 
 
-@pytest.mark.parametrize(("name", "file"), [("polycam", "recording.zip"), ("record3d", "recording.r3d")])
-def test_measured_depth(
-    visit: Visit, copied_phone: Callable[[str], Path], tmp_path: Path, name: str, file: str
-) -> None:
+def test_measured_depth(visit: Visit, copied_phone: Callable[[str], Path], tmp_path: Path) -> None:
     """A recording with depth of the sensor, which the prior uses as Python's does. Its photographs are too small for
     features.
     """
-    folder = copied_phone(name)
+    folder = copied_phone("record3d")
     choose(visit, depth=True, refines=True, most=48, iterations=20, gaussians=800)
-    visit.drop(file, zipped(folder))
+    visit.drop("recording.r3d", zipped(folder))
     scene = saved(visit, tmp_path / "recording.ply")
     expect(visit["#message-text"]).to_have_text(
         "The photographs have too few features in common: poses stay as they are."
@@ -427,15 +425,15 @@ def test_fern_with_depth(visit: Visit, data_folder: Path, tmp_path: Path) -> Non
     """A real capture, whose lens is undone by Python first: LLFF states it in a file that the page does not read."""
     folder = tmp_path / "fern"
     capture = open_capture(data_folder / "fern", images="images_8", max_size=126)
-    export_capture(folder, replace(capture, train=capture.train[:8]))
+    export_capture(folder, replace(capture, train=capture.train[:5]))
     size = ("--max-size", "63")
-    choose(visit, depth=True, most=63, iterations=60, gaussians=1500)
+    choose(visit, depth=True, most=63, iterations=40, gaussians=1000)
     visit.drop("fern.zip", zipped(folder))
-    expect(visit["#stage"]).to_have_text(re.compile(r"depth of keyframe \d of 9"), timeout=PATIENCE)
+    expect(visit["#stage"]).to_have_text(re.compile(r"depth of keyframe \d of 7"), timeout=PATIENCE)
     scene = saved(visit, tmp_path / "fern.ply")
     assert visit.complaints == []
     found = held_out_psnr(scene, folder, *size)
-    expected = trained_with_depth(folder, tmp_path / "python.ply", max_size=63, iterations=60, gaussians=1500)
+    expected = trained_with_depth(folder, tmp_path / "python.ply", max_size=63, iterations=40, gaussians=1000)
     assert abs(found - held_out_psnr(expected, folder, *size)) < TOLERANCE
 
 

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
-from pocketgs.capture import Capture, open_capture
+from pocketgs.capture import Capture, Frame, open_capture
 from pocketgs.capture.synthetic import true_capture
 from pocketgs.errors import PocketGSError
 from pocketgs.scene.point_cloud import PointCloud
@@ -56,10 +56,16 @@ def test_photographs_of_nothing_give_no_points(small_capture: Capture) -> None:
     assert len(triangulate(blank)) == 0
 
 
+@pytest.fixture(scope="module")
+def three_views() -> list[Frame]:
+    """The fewest that a point needs."""
+    return true_capture(240, 180, frames=4, points=10).train
+
+
 @pytest.mark.parametrize("by", ["mask", "alpha"])
-def test_masked_pixels_give_no_points(by: str) -> None:
+def test_masked_pixels_give_no_points(three_views: list[Frame], by: str) -> None:
     """Three views have to see a point, so the photograph without a mask is used too."""
-    frames = true_capture(240, 180, frames=12, points=10).train[:3]
+    frames = three_views
     half = np.arange(240) < np.full((180, 1), 120)
     left_out = {"mask": half} if by == "mask" else {"alpha": np.where(half, 255, 0).astype(np.uint8)}
     found = triangulate([frames[0], *(replace(frame, **left_out) for frame in frames[1:])])
@@ -72,7 +78,7 @@ def test_masked_pixels_give_no_points(by: str) -> None:
 def test_ferns_cloud_lies_where_colmap_found_it(data_folder: Path) -> None:
     capture = open_capture(data_folder / "fern", images="images_8")
     assert capture.points is not None
-    frames = capture.train[:8]
+    frames = capture.train[:6]
     found = triangulate(frames)
     assert len(found) > 300
     # The published cloud came from full-size photographs: a surface that both saw has points of both.

@@ -26,9 +26,9 @@ from pocketgs.training.preparation import prepare
 from pocketgs.training.train import train
 from training.through_lens import expose_through
 
-SIDE, VIEWS, HELD_OUT = 128, 18, (4, 12)
+SIDE, VIEWS, HELD_OUT = 96, 16, (4, 11)
 HALF_ANGLE = np.radians(85)
-OPTIONS = TrainingOptions(iterations=300, max_gaussians=15_000, engine="cpu", evaluate_every=0, bundle=False)
+OPTIONS = TrainingOptions(iterations=200, max_gaussians=10_000, engine="cpu", evaluate_every=0, bundle=False)
 
 
 def fisheye(camera: Camera) -> Camera:
@@ -43,7 +43,7 @@ def room_through(change: Callable[[Camera], Camera]) -> Capture:
     for number, time in enumerate(np.linspace(*STRETCH, VIEWS).tolist()):
         pose = true_camera(time, SIDE, SIDE).world_to_camera
         camera = change(Camera(SIDE, SIDE, focal, focal, SIDE / 2, SIDE / 2, pose))
-        light, covered = expose_through(room(), camera, 2 * SIDE)
+        light, covered = expose_through(room(), camera, 3 * SIDE // 2)
         frames.append(Frame(f"{number:02d}.png", camera, quantised(np.sqrt(light)), mask=covered))
     held_out = [frames[number] for number in HELD_OUT]
     train_frames = [frame for number, frame in enumerate(frames) if number not in HELD_OUT]

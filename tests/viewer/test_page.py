@@ -60,6 +60,14 @@ def opened(browser: Browser, url: str) -> Iterator[Visit]:
         yield visit
 
 
+@pytest.fixture(scope="module")
+def replaced(browser: Browser, url: str) -> Iterator[Visit]:
+    """Another one, in which tests show other scenes, one after the other."""
+    with visiting(browser, url, WIDTH, HEIGHT) as visit:
+        visit.until_drawn()
+        yield visit
+
+
 @pytest.fixture
 def visit(opened: Visit) -> Iterator[Visit]:
     """The page, which every test leaves without anything to complain of and back at its camera."""
@@ -460,9 +468,7 @@ def test_another_pace_begins_with_small_submissions(
 WRITERS = {".ply": ply.write_gaussians, ".splat": splat.write_gaussians, ".spz": spz.write_gaussians}
 
 
-def test_scenes_that_were_trained_with_antialiasing_say_so(
-    browser: Browser, url: str, scene: Gaussians, tmp_path: Path
-) -> None:
+def test_scenes_that_were_trained_with_antialiasing_say_so(replaced: Visit, scene: Gaussians, tmp_path: Path) -> None:
     few = scene.select(np.arange(len(scene) - len(MARKS), len(scene)))
     plain = {}
     for suffix, write in WRITERS.items():
@@ -484,41 +490,37 @@ def test_scenes_that_were_trained_with_antialiasing_say_so(
         "flagged.spz": (bytes(flagged), True),
         "plain.spz": (plain[".spz"], False),
     }
-    with visiting(browser, url, WIDTH, HEIGHT) as visit:
-        visit.until_drawn()
-        for name, (content, marked) in files.items():
-            visit.drop(name, content)
-            expect(visit["#title"]).to_have_text(name, timeout=PATIENCE)
-            if marked:
-                expect(visit["#message-text"]).to_contain_text(f"{name}: trained with anti-aliasing")
-            else:
-                expect(visit["#message"]).to_be_hidden()
-        assert visit.complaints == []
+    for name, (content, marked) in files.items():
+        replaced.drop(name, content)
+        expect(replaced["#title"]).to_have_text(name, timeout=PATIENCE)
+        if marked:
+            expect(replaced["#message-text"]).to_contain_text(f"{name}: trained with anti-aliasing")
+        else:
+            expect(replaced["#message"]).to_be_hidden()
+    assert replaced.complaints == []
 
 
-def test_dropped_files_are_shown(browser: Browser, url: str, scene: Gaussians, tmp_path: Path) -> None:
+def test_dropped_files_are_shown(replaced: Visit, scene: Gaussians, tmp_path: Path) -> None:
     few = scene.select(np.arange(len(scene) - len(MARKS), len(scene)))
-    with visiting(browser, url, WIDTH, HEIGHT) as visit:
-        visit.until_drawn()
-        for suffix, write in WRITERS.items():
-            path = tmp_path / f"dropped{suffix}"
-            write(path, few)
-            visit.drop(path.name, path.read_bytes())
-            expect(visit["#title"]).to_have_text(path.name, timeout=PATIENCE)
-            assert set(marks(visit.picture())) == set(MARKS)
-            expect(visit["#stats"]).to_contain_text("3 splats")
-            expect(visit["#next"]).to_be_disabled()
-        broken = tmp_path / "dropped.ply"
-        visit.drop("broken.ply", broken.read_bytes()[:-1])
-        expect(visit["#message-text"]).to_contain_text("broken.ply: the file is cut short")
-        expect(visit["#title"]).to_have_text("dropped.spz")
-        visit["#message-close"].click()
-        with visit.page.expect_file_chooser() as chooser:
-            visit["#open"].click()
-        chooser.value.set_files(broken)
-        expect(visit["#title"]).to_have_text("dropped.ply")
-        assert visit.page.title() == "dropped.ply – PocketGS"
-        with visit.page.expect_download() as download:
-            visit["#screenshot"].click()
-        assert download.value.suggested_filename == "dropped.ply.png"
-        assert visit.complaints == []
+    for suffix, write in WRITERS.items():
+        path = tmp_path / f"dropped{suffix}"
+        write(path, few)
+        replaced.drop(path.name, path.read_bytes())
+        expect(replaced["#title"]).to_have_text(path.name, timeout=PATIENCE)
+        assert set(marks(replaced.picture())) == set(MARKS)
+        expect(replaced["#stats"]).to_contain_text("3 splats")
+        expect(replaced["#next"]).to_be_disabled()
+    broken = tmp_path / "dropped.ply"
+    replaced.drop("broken.ply", broken.read_bytes()[:-1])
+    expect(replaced["#message-text"]).to_contain_text("broken.ply: the file is cut short")
+    expect(replaced["#title"]).to_have_text("dropped.spz")
+    replaced["#message-close"].click()
+    with replaced.page.expect_file_chooser() as chooser:
+        replaced["#open"].click()
+    chooser.value.set_files(broken)
+    expect(replaced["#title"]).to_have_text("dropped.ply")
+    assert replaced.page.title() == "dropped.ply – PocketGS"
+    with replaced.page.expect_download() as download:
+        replaced["#screenshot"].click()
+    assert download.value.suggested_filename == "dropped.ply.png"
+    assert replaced.complaints == []

@@ -73,7 +73,7 @@ def solve_with_scipy(problem: Problem, settings: BundleSettings) -> tuple[float,
     ids=["free", "held", "rotations held", "positions held"],
 )
 def test_agrees_with_scipy(settings: BundleSettings) -> None:
-    problem = make_problem(frames=4, points=12, views=3, noise=1.0, pose_error=0.01, point_error=0.02)
+    problem = make_problem(frames=3, points=8, views=3, noise=1.0, pose_error=0.01, point_error=0.02)
     result = solve(problem, replace(settings, tolerance=1e-13, iterations=200))
     cost, cameras, points = solve_with_scipy(problem, settings)
     assert result.cost_after == pytest.approx(cost, rel=1e-5)

@@ -24,15 +24,9 @@ UPRIGHT = np.array([[0.0, -1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0,
 
 
 @pytest.fixture(scope="module")
-def capture() -> Capture:
-    """A walk with exact poses."""
-    return true_capture(width=240, height=180, frames=12, points=1)
-
-
-@pytest.fixture(scope="module")
-def sparse_points(capture: Capture) -> int:
+def sparse_points(clean_walk: Capture) -> int:
     """With the right poses."""
-    report = build_prior(capture, 1000, SPARSE).report
+    report = build_prior(clean_walk, 1000, SPARSE).report
     assert report
     assert not report.poses.convention
     return report.sparse_points
@@ -61,24 +55,24 @@ def relative_poses(capture: Capture) -> np.ndarray:
     ],
 )
 def test_another_convention_is_found(
-    capture: Capture, sparse_points: int, mistake: Callable[[np.ndarray], np.ndarray], said: str
+    clean_walk: Capture, sparse_points: int, mistake: Callable[[np.ndarray], np.ndarray], said: str
 ) -> None:
-    found = build_prior(misread(capture, mistake), 1000, SPARSE)
+    found = build_prior(misread(clean_walk, mistake), 1000, SPARSE)
     assert found.report
     assert found.report.poses_refined
     assert any(said in warning for warning in found.report.warnings)
-    assert len(found.frames) == len(capture.frames)
-    assert np.abs(relative_poses(found) - relative_poses(capture)).max() < 0.05
+    assert len(found.frames) == len(clean_walk.frames)
+    assert np.abs(relative_poses(found) - relative_poses(clean_walk)).max() < 0.05
     assert found.report.sparse_points > 0.8 * sparse_points
 
 
-def test_poses_that_must_stay_are_refused(capture: Capture) -> None:
+def test_poses_that_must_stay_are_refused(clean_walk: Capture) -> None:
     settings = replace(SPARSE, structure=replace(SPARSE.structure, bundle=False))
     with pytest.raises(MisreadPosesError, match=r"fit the poses only with OpenGL's camera axes.*: correct"):
-        build_prior(misread(capture, lambda pose: OPENGL @ pose), 1000, settings)
+        build_prior(misread(clean_walk, lambda pose: OPENGL @ pose), 1000, settings)
 
 
-def test_poses_of_something_else_are_refused(capture: Capture) -> None:
+def test_poses_of_something_else_are_refused(clean_walk: Capture) -> None:
     rng = np.random.default_rng(0)
 
     def anything(pose: np.ndarray) -> np.ndarray:
@@ -87,7 +81,7 @@ def test_poses_of_something_else_are_refused(capture: Capture) -> None:
         return other
 
     with pytest.raises(PocketGSError, match=r"\d\d% of [\d,]+ matches contradict the capture's poses"):
-        build_prior(misread(capture, anything), 1000, SPARSE)
+        build_prior(misread(clean_walk, anything), 1000, SPARSE)
 
 
 def test_poses_of_another_walk_are_refused_where_adjusting_them_does_not_help() -> None:

@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pocketgs.capture.capture import Frame
-from pocketgs.capture.synthetic import true_capture
+from pocketgs.capture.capture import Capture, Frame
 from pocketgs.geometry.camera import Camera
 from pocketgs.prior.features.observations import Observations
 from pocketgs.prior.poses.photometric import correlations
@@ -16,8 +15,8 @@ from prior.bundle_problem import turned_and_moved
 
 
 @pytest.fixture(scope="module")
-def frames() -> list[Frame]:
-    return list(true_capture(width=240, height=180, frames=6, points=1).train)
+def frames(clean_walk: Capture) -> list[Frame]:
+    return clean_walk.train[::2]
 
 
 def surface_points(frames: list[Frame], count: int = 400) -> tuple[Observations, np.ndarray]:

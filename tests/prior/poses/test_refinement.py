@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pocketgs.capture.capture import Frame
-from pocketgs.capture.synthetic import true_capture
+from pocketgs.capture.capture import Capture, Frame
 from pocketgs.geometry.camera import Camera
 from pocketgs.prior.bundle.adjustment import BundleSettings
 from pocketgs.prior.bundle.cpu.equations import CpuLinearizer
@@ -63,10 +62,9 @@ def features_seen_from(cameras: Sequence[Camera], tracks: Observations, points: 
 
 
 @pytest.mark.parametrize("features_are_right", [True, False])
-def test_photographs_must_confirm_what_features_tell(features_are_right: bool) -> None:
+def test_photographs_must_confirm_what_features_tell(clean_walk: Capture, features_are_right: bool) -> None:
     """Features that agree with each other, but are not where the photographs show them, move no camera."""
-    capture, rng = true_capture(width=240, height=180, frames=14, points=1500), np.random.default_rng(0)
-    frames, cloud = capture.train, capture.points
+    frames, cloud, rng = clean_walk.train, clean_walk.points, np.random.default_rng(0)
     assert cloud is not None
     true = [frame.camera for frame in frames]
     stray = [turned_and_moved(camera, *rng.normal(0.0, 0.01, (2, 3))) for camera in true]

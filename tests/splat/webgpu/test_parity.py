@@ -169,7 +169,9 @@ def squared_error(engine: Engine, frames: list[Frame]) -> float:
 
 @every_variant
 @pytest.mark.parametrize("photometric", ["l2", "l1-dssim"])
-def test_fifty_steps_end_as_on_the_cpu(make_gaussians: MakeGaussians, options: EngineOptions, photometric: str) -> None:
+def test_thirty_steps_end_as_on_the_cpu(
+    make_gaussians: MakeGaussians, options: EngineOptions, photometric: str
+) -> None:
     cameras = [camera_in_front(64, 48, 60.0, distance) for distance in (4.0, 5.0)]
     painter = begin(CpuEngine(1), make_gaussians(count=100, sh_degree=1, seed=1))
     photos = [np.clip(painter.render(camera, BACKGROUND).image, 0.0, 1.0) for camera in cameras]
@@ -182,7 +184,7 @@ def test_fifty_steps_end_as_on_the_cpu(make_gaussians: MakeGaussians, options: E
     engine, cpu = (begin(one, gaussians, frames) for one in (shared_engine(options), CpuEngine(1)))
     before = squared_error(cpu, frames)
     losses = []
-    for iteration in range(50):
+    for iteration in range(30):
         for one in (engine, cpu):
             one.step(iteration % 2, settings)
         losses.append((engine.loss(), cpu.loss()))
@@ -194,7 +196,7 @@ def test_fifty_steps_end_as_on_the_cpu(make_gaussians: MakeGaussians, options: E
 
 
 @every_variant
-def test_thirty_steps_agree_with_the_reference(
+def test_fifteen_steps_agree_with_the_reference(
     camera: Camera, make_gaussians: MakeGaussians, options: EngineOptions
 ) -> None:
     gaussians = make_gaussians(count=80, sh_degree=1, size=0.12)
@@ -202,7 +204,7 @@ def test_thirty_steps_agree_with_the_reference(
     settings = StepSettings(RATES, LossSettings(), background=BACKGROUND)
     engine = begin(shared_engine(options), gaussians, [frame])
     scene, moments = Scene.of(gaussians), None
-    for _ in range(30):
+    for _ in range(15):
         engine.step(0, settings)
         loss, _, moments = reference_step(scene, frame, settings, moments)
     exact = EXACT[options.precision]

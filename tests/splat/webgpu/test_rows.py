@@ -105,13 +105,15 @@ def test_training_goes_on_as_if_the_changed_scene_had_been_uploaded(make_gaussia
 
 def test_photographs_stay_while_buffers_grow(make_gaussians: MakeGaussians) -> None:
     """The growing scene leaves less room for photographs, which are then streamed: training is the same."""
-    frames = [photograph(camera_in_front(300, 200, 20.0), seed=i) for i in range(10)]
+    frames = [photograph(camera_in_front(200, 140, 20.0), seed=i) for i in range(10)]
     scene, results = make_gaussians(count=500, sh_degree=0), []
-    sources = np.arange(20_000, dtype=np.int32) % 500
-    for max_memory in (300, 45):
+    sources = np.arange(4000, dtype=np.int32) % 500
+    for max_memory in (300, 7):
         engine = begin(WebGpuEngine(EngineOptions("webgpu", max_memory=max_memory)), scene, frames)
         engine.step(0, STEP)
+        assert all(engine._plan.shelf.is_resident(view) for view in range(10))
         engine.change_rows(RowChange(sources, sources >= 0))
+        assert all(engine._plan.shelf.is_resident(view) for view in range(10)) == (max_memory == 300)
         for view in range(10):
             engine.step(view, STEP)
         assert sum(engine.memory().values()) <= max_memory * 1_000_000 + 1000

@@ -29,6 +29,11 @@ def _devices_of_their_own(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(device_module, "_open", {})
 
 
+@pytest.fixture(autouse=True)
+def _few_steps_are_many(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(steps_ahead, "MAX_PENDING", 16)
+
+
 @pytest.fixture
 def engine(make_gaussians: MakeGaussians) -> WebGpuEngine:
     """One of its own, about to train."""
