@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from pocketgs.geometry.camera import Camera
 from pocketgs.prior.features.features import Features
 from pocketgs.prior.features.pairs import Pair
-from pocketgs.prior.poses.suspects import contradicted
+from pocketgs.prior.poses.suspects import contradicted, unmatched_views
 from prior.bundle_problem import make_problem
 
 VIEWS, POINTS, TOLERANCE = 8, 200, 2.0
@@ -85,3 +85,18 @@ def test_wrong_views_that_agree_with_each_other(by_chance: int, wrong: int) -> N
 def test_too_few_matches_say_nothing() -> None:
     features = features_of(PROBLEM.true_cameras)
     assert not contradicted(with_wrong_poses(), features, all_matches(0, 30), TOLERANCE).any()
+
+
+def test_a_view_without_matches_among_views_that_match() -> None:
+    """It shows another place, unless it has few features, or the others often match none of their nearest either."""
+    cameras, everything = PROBLEM.true_cameras, np.column_stack([np.arange(POINTS)] * 2)
+    features, lone = features_of(cameras), 3
+    matches = {(one, other): everything for other in range(VIEWS) for one in range(other) if lone not in (one, other)}
+    assert np.flatnonzero(unmatched_views(cameras, features, matches, 1.0)).tolist() == [lone]
+    poor = [
+        replace(view, pixels=view.pixels[: POINTS // 3 if number == lone else POINTS])
+        for number, view in enumerate(features)
+    ]
+    assert not unmatched_views(cameras, poor, matches, 1.0).any()
+    few = {pair: found for pair, found in matches.items() if sum(pair) % 3 == 0}
+    assert not unmatched_views(cameras, features, few, 1.0).any()

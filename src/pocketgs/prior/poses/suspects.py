@@ -27,9 +27,16 @@ many: six of another toy have 102 each.
 """
 
 NEIGHBOURS = 4
+ALIKE_PAIRS = 10
+ALIKE_SHARE = 1 / 8
+"""The chance that a view matches one of its nearest is measured on other views and theirs: on at least so many pairs,
+and this share, of those about as far apart.
+"""
+
+MAX_CHANCE = 0.01
 MIN_FEATURES = 0.5
-"""A view without matches is suspect if so many of its nearest views match each other, and it has at least this share of
-their features.
+"""A view without matches is suspect if that has less than this chance under its pose, and it has at least this share of
+the features of its nearest.
 """
 
 MIN_VIEWS = 3
@@ -72,9 +79,10 @@ def contradicted(
 def unmatched_views(
     cameras: Sequence[Camera], features: Sequence[Features], matches: Mapping[Pair, np.ndarray], scene_distance: float
 ) -> np.ndarray:
-    """(F,) bool: views with features but no matches, though views all around them match each other.
+    """(F,) bool: views with features but no matches, though views as far apart as their nearest match each other.
 
-    They show another place than their poses say. Views with few features may just show a blank wall.
+    They show another place than their poses say. Views with few features may just show a blank wall, and where
+    photographs are far apart, correct views may match none.
 
     Args:
         cameras: of F views.
@@ -85,16 +93,21 @@ def unmatched_views(
     matched = np.zeros((len(cameras), len(cameras)), bool)
     for first, second in matches:
         matched[first, second] = matched[second, first] = True
+    found = np.zeros(len(cameras), bool)
+    others = np.flatnonzero(matched.any(axis=1))
+    if len(others) <= NEIGHBOURS:
+        return found
     counts = np.array([len(view.pixels) for view in features])
     apart = view_distances(cameras, cameras, scene_distance)
     np.fill_diagonal(apart, np.inf)
-    found = np.zeros(len(cameras), bool)
-    for view in np.flatnonzero(~matched.any(axis=1)):
-        near = np.argsort(apart[view], kind="stable")[:NEIGHBOURS]
-        linked = matched[np.ix_(near, near)]
-        reach = apart[np.ix_(near, near)][linked].max(initial=0.0)
-        expected = linked.any(axis=1) & (apart[view, near] <= reach)
-        found[view] = expected.sum() >= NEIGHBOURS - 1 and counts[view] >= MIN_FEATURES * np.median(counts[near])
+    nearest = others[np.argsort(apart[:, others], axis=1, kind="stable")[:, :NEIGHBOURS]]
+    distances = np.log(np.maximum(np.take_along_axis(apart, nearest, axis=1), np.finfo(float).tiny))
+    known, links = distances[others].ravel(), np.take_along_axis(matched, nearest, axis=1)[others].ravel()
+    alike = max(ALIKE_PAIRS, int(ALIKE_SHARE * len(known)))
+    for view in np.setdiff1d(np.arange(len(cameras)), others):
+        order = np.argsort(np.abs(known - distances[view][:, None]), axis=1, kind="stable")[:, :alike]
+        chance = np.prod(1.0 - links[order].mean(axis=1))
+        found[view] = chance < MAX_CHANCE and counts[view] >= MIN_FEATURES * np.median(counts[nearest[view]])
     return found
 
 

@@ -16,6 +16,9 @@ import { positionsOf } from "../features/tracks.js";
  * @typedef {import("../features/tracks.js").Matches} Matches
  */
 
+/** The smallest distance whose logarithm is taken. */
+const TINY = 2 ** -1022;
+
 /** Square tables of numbers, one per pair of views. */
 class PairTable {
     constructor(views) {
@@ -92,7 +95,7 @@ function groupsOf(views, matches, total, supporting, support) {
 }
 
 /**
- * Views with features but no matches, though views all around them match each other.
+ * Views with features but no matches, though views as far apart as their nearest match each other.
  *
  * @param {Camera[]} cameras
  * @param {Features[]} features of the views
@@ -101,21 +104,30 @@ function groupsOf(views, matches, total, supporting, support) {
  * @param {Object<string, number>} settings the settings' `suspects`
  * @returns {boolean[]} one for each view
  */
-export function unmatchedViews(cameras, features, matches, distance, { neighbours, min_features: least }) {
+export function unmatchedViews(cameras, features, matches, distance, settings) {
+    const { neighbours, alike_pairs: fewest, alike_share: share, max_chance: most, min_features: least } = settings;
     const matched = new PairTable(cameras.length);
     matches.forEach(({ first, second }) => matched.set(first, second, 1));
+    const isMatched = cameras.map((_, view) => cameras.some((_, other) => matched.at(view, other)));
+    if (isMatched.filter(Boolean).length <= neighbours) {
+        return cameras.map(() => false);
+    }
     const apart = viewDistances(cameras, cameras, distance);
     apart.forEach((row, view) => (row[view] = Infinity));
+    const nearestOf = (view) => sortedBy(apart[view]).filter((other) => isMatched[other]).slice(0, neighbours);
+    const nearest = cameras.map((_, view) => nearestOf(view));
+    const logs = nearest.map((near, view) => near.map((other) => Math.log(Math.max(apart[view][other], TINY))));
+    const known = logs.filter((_, view) => isMatched[view]).flat();
+    const links = nearest.map((near, view) => near.map((other) => matched.at(view, other)));
+    const linked = links.filter((_, view) => isMatched[view]).flat();
+    const alike = Math.max(fewest, Math.floor(share * known.length));
+    const chanceOf = (log) => {
+        const pairs = sortedBy(known.map((other) => Math.abs(other - log))).slice(0, alike);
+        return 1 - pairs.reduce((sum, pair) => sum + linked[pair], 0) / pairs.length;
+    };
     return cameras.map((_, view) => {
-        if (cameras.some((_, other) => matched.at(view, other))) {
-            return false;
-        }
-        const near = sortedBy(apart[view]).slice(0, neighbours);
-        const pairs = near.flatMap((one) => near.map((other) => [one, other]));
-        const linked = pairs.filter(([one, other]) => matched.at(one, other));
-        const reach = linked.reduce((most, [one, other]) => Math.max(most, apart[one][other]), 0);
-        const expected = near.filter((one) => linked.some(([other]) => other === one) && apart[view][one] <= reach);
-        const enough = least * medianOf(near.map((one) => features[one].count));
-        return expected.length >= neighbours - 1 && features[view].count >= enough;
+        const chance = logs[view].reduce((product, log) => product * chanceOf(log), 1);
+        const enough = least * medianOf(nearest[view].map((other) => features[other].count));
+        return !isMatched[view] && chance < most && features[view].count >= enough;
     });
 }
