@@ -105,6 +105,7 @@ def test_page_without_sockets_follows_a_run_to_its_end(written_capture: Path, tm
             visit["#message-close"].click()
             visit["#pause"].click()
             expect(visit["#stage"]).to_have_text("paused", timeout=PATIENCE)
+            time.sleep(SECONDS_OF_PAUSE)  # until the iterations that were under way are reported
             held = followed.news.progress["iteration"]
             time.sleep(SECONDS_OF_PAUSE)
             assert followed.news.progress["iteration"] == held

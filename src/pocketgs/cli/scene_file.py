@@ -81,7 +81,7 @@ def load_scene(path: Path) -> Gaussians:
         raise PocketGSError(f"{path}: a scene that is drawn without sorting, expected one that is sorted")
     if _holds(path, UNBUNDLED):
         raise PocketGSError(f"{path}: an unbundled SOG, expected a file: zip what is in the folder as a .sog")
-    if not path.exists():
+    if not (path.exists() or is_scene_name(path)):
         raise PocketGSError(f"{path}: no such file or folder, expected a scene file or a result folder")
     return read_scene(path / SCENE if path.is_dir() else path)
 
