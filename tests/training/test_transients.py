@@ -120,16 +120,17 @@ def test_an_empty_room_is_trained_on_whole(empty_run: Run, kept_run: Run) -> Non
         np.testing.assert_array_equal(getattr(masked.scene, name), getattr(kept.scene, name))
 
 
-def test_the_room_behind_a_passer_by_is_as_good_as_empty(
-    empty_room: PreparedCapture, passed_room: PreparedCapture, empty_run: Run, passed_run: Run
-) -> None:
-    truth = {frame.name: frame.image / 255.0 for frame in empty_room.frames}
-    means = []
-    for capture, run in ((empty_room, empty_run), (passed_room, passed_run)):
-        images = [render_frame(run.engine, frame, capture.background) for frame in passed_room.frames]
-        views = [(image, truth[frame.name]) for image, frame in zip(images, passed_room.frames, strict=True)]
-        means.append(np.mean([psnr(*view) for view in views]))
-    assert means[1] > means[0] - 0.5
+def test_the_room_appears_behind_a_passer_by(empty_room: PreparedCapture, passed_room: PreparedCapture) -> None:
+    """Where a photograph shows the person, other photographs show the room. Unmasked, 23.3 dB are reached there."""
+    engine = CpuEngine()
+    train(passed_room, replace(OPTIONS, iterations=500), opened_engine=engine)
+    truth, errors = {frame.name: frame.image / 255.0 for frame in empty_room.frames}, []
+    for frame in passed_room.train:
+        person = covered(frame, empty_room)
+        if person.any():
+            seen = np.clip(render_frame(engine, frame, passed_room.background), 0, 1)
+            errors.append(np.mean((seen - truth[frame.name])[person] ** 2))
+    assert -10 * np.log10(np.mean(errors)) > 24.5
 
 
 def test_shadows_and_exposure_are_not_transients(empty_room: PreparedCapture, trained: CpuEngine) -> None:
