@@ -7,7 +7,7 @@ PYTHON ?= python3
 # by the number of tests they would come last.
 SIDE_BY_SIDE = -n 4 --dist loadfile --no-loadscope-reorder
 
-# Tests start hundreds of Python processes. Where this variable forbids to keep bytecode, each of them compiles every module.
+# Tests start hundreds of Python processes. Where this variable forbids keeping bytecode, each compiles all modules.
 unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: demo test test-fast system-packages environment lint kernels lint-and-kernels bench clean

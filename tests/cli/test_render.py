@@ -86,15 +86,26 @@ def test_video(pocketgs: Callable[..., Any], result: Path, written_capture: Path
     assert not video.read()[0]
 
 
+def with_a_frame_of(width: int, height: int, capture: Path) -> None:
+    document = json.loads((capture / "transforms.json").read_text())
+    frame = document["frames"][1]
+    frame |= {"w": width, "h": height, "fl_x": 80.0, "fl_y": 80.0, "cx": width / 2, "cy": height / 2}
+    Image.open(capture / frame["file_path"]).resize((width, height)).save(capture / frame["file_path"])
+    (capture / "transforms.json").write_text(json.dumps(document))
+
+
+def test_views_that_differ_by_an_odd_row_make_a_video(
+    pocketgs: Callable[..., Any], result: Path, capture_folder: Path, tmp_path: Path
+) -> None:
+    with_a_frame_of(97, 73, capture_folder)
+    outcome = pocketgs("render", result, capture_folder, "--views", "train", "--output", tmp_path / "film.mp4")
+    assert (outcome.status, cv2.VideoCapture(str(tmp_path / "film.mp4")).read()[1].shape) == (0, (72, 96, 3))
+
+
 def test_views_of_two_sizes_make_no_video(
     pocketgs: Callable[..., Any], result: Path, capture_folder: Path, tmp_path: Path
 ) -> None:
-    document = json.loads((capture_folder / "transforms.json").read_text())
-    frame = document["frames"][1]
-    frame |= {"w": 72, "h": 96, "fl_x": 80.0, "fl_y": 80.0, "cx": 36.0, "cy": 48.0}
-    path = capture_folder / frame["file_path"]
-    Image.open(path).transpose(Image.Transpose.ROTATE_90).save(path)
-    (capture_folder / "transforms.json").write_text(json.dumps(document))
+    with_a_frame_of(72, 96, capture_folder)
     outcome = pocketgs("render", result, capture_folder, "--views", "train", "--output", tmp_path / "film.mp4")
     assert outcome.status == 2
     found = "film.mp4: found views of 72x96 and of 96x72, expected one size in a video: name a folder, or --views path"

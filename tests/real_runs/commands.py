@@ -7,11 +7,12 @@ import sys
 from typing import Any
 
 
-def succeeds(*command: object) -> None:
-    """Run a command of ours in a process of its own, without a warning."""
+def succeeds(*command: object) -> str:
+    """Run a command of ours in a process of its own, without a warning; returns what it printed."""
     process = [sys.executable, "-m", "pocketgs", *map(str, command)]
     result = subprocess.run(process, capture_output=True, text=True)
     assert (result.returncode, result.stderr) == (0, "")
+    return result.stdout
 
 
 def check(record: dict[str, Any], psnr: float, ssim: float) -> None:

@@ -1,4 +1,4 @@
-"""A static host, which knows what it was asked for."""
+"""A static host, which knows what it was asked for, and changes to what it serves."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
+
+from playwright.sync_api import BrowserContext, Route
 
 
 @dataclass
@@ -38,3 +40,13 @@ def hosting(folder: Path) -> Iterator[Host]:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         yield host
         server.shutdown()
+
+
+def prefix_worker(context: BrowserContext, script: str) -> None:
+    """Run a script in the page's worker before its own."""
+
+    def answer(route: Route) -> None:
+        response = route.fetch()
+        route.fulfill(response=response, body=script + response.text())
+
+    context.route("**/worker.js", answer)

@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from playwright.sync_api import Browser, FilePayload, Page, Route, expect
+from playwright.sync_api import Browser, FilePayload, Page, expect
 
 from pocketgs.site.write import write_site
-from static_site.hosting import Host, hosting
+from static_site.hosting import Host, hosting, prefix_worker
 from static_site.versions import another_page
 from viewer.browsing import PATIENCE, visiting
 from zip_files import zip_of
@@ -157,12 +157,7 @@ def test_a_run_that_began_beside_another_tab_does_not_replace_what_that_kept(
         first.goto(host.address)
         first.locator("#start").wait_for(timeout=PATIENCE)
         first.evaluate(BEGIN, "this site")
-
-        def delay_device(route: Route) -> None:
-            response = route.fetch()
-            route.fulfill(response=response, body=WAIT_FOR_DEVICE + response.text())
-
-        context.route("**/worker.js", delay_device)
+        prefix_worker(context, WAIT_FOR_DEVICE)
         second.goto(host.address)
         expect(second.locator("#message-text")).to_contain_text("Another tab of this page", timeout=PATIENCE)
         second.locator("#start").wait_for(timeout=PATIENCE)
@@ -229,12 +224,7 @@ self.postMessage = (message) => {
 
 def test_nothing_goes_on_that_was_lost_before_it_was_kept(browser: Browser, host: Host, capture_folder: Path) -> None:
     with visiting(browser, "about:blank", 1280, 720) as visit:
-
-        def lose_early(route: Route) -> None:
-            response = route.fetch()
-            route.fulfill(response=response, body=LOSE_EARLY + response.text())
-
-        visit.page.context.route("**/worker.js", lose_early)
+        prefix_worker(visit.page.context, LOSE_EARLY)
         visit.page.goto(host.address)
         visit["#start"].wait_for(timeout=PATIENCE)
         files = {path.relative_to(capture_folder).as_posix(): path.read_bytes() for path in capture_folder.rglob("*.*")}

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
-from playwright.sync_api import Browser, BrowserContext, Route, expect
+from playwright.sync_api import Browser, expect
 
 from capture.phone_layouts import in_order
 from pocketgs.capture import Capture
@@ -33,7 +33,7 @@ from pocketgs.splat.cpu.engine import CpuEngine
 from pocketgs.splat.rendering import render_frame
 from pocketgs.training.train import train
 from static_site.given import WITHOUT_FEATURES
-from static_site.hosting import Host
+from static_site.hosting import Host, prefix_worker
 from static_site.videos import write_h264
 from viewer.browsing import PATIENCE, Visit, visiting
 
@@ -48,16 +48,6 @@ GPUAdapter.prototype.requestDevice = async function (...given) {
     return (self.device = await request.apply(this, given));
 };
 """
-
-
-def prefix_worker(context: BrowserContext, script: str) -> None:
-    """Run a script in the page's worker before its own."""
-
-    def answer(route: Route) -> None:
-        response = route.fetch()
-        route.fulfill(response=response, body=script + response.text())
-
-    context.route("**/worker.js", answer)
 
 
 @pytest.fixture(scope="module")

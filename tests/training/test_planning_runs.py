@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import platform
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -23,6 +21,7 @@ from pocketgs.system import freed_memory
 from pocketgs.system.compile import is_compiled
 from pocketgs.training.options import TrainingOptions
 from pocketgs.training.planning.machine import ENGINE_KERNELS, FEATURE_KERNELS, PRIOR_KERNELS
+from real_runs.commands import succeeds
 
 Run = Callable[..., dict[str, Any]]
 
@@ -32,11 +31,8 @@ def trained(tmp_path: Path) -> Run:
     """A function that trains on a capture with some options, and returns the run's record."""
 
     def train(capture: Path, *options: object) -> dict[str, Any]:
-        command = ["train", capture, "--output", tmp_path / "result", *options]
-        process = [sys.executable, "-m", "pocketgs", *map(str, command)]
-        result = subprocess.run(process, capture_output=True, text=True)
-        assert (result.returncode, result.stderr) == (0, "")
-        return {**json.loads((tmp_path / "result" / "run.json").read_text()), "output": result.stdout}
+        output = succeeds("train", capture, "--output", tmp_path / "result", *options)
+        return {**json.loads((tmp_path / "result" / "run.json").read_text()), "output": output}
 
     return train
 

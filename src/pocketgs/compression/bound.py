@@ -44,7 +44,7 @@ class SizeBound:
         if not admitted:
             smallest = min(candidate.megabytes for candidate in candidates)
             # With another bound, other Gaussians are pruned, so that the smallest file has another size.
-            expected = f"expected --size of at least some {1.1 * smallest:.2g}"
+            expected = f"expected --size of at least some {1.1 * smallest:.3g}"
             raise PocketGSError(f"compression: the smallest file has {smallest:.6f} MB, {expected}")
         return max(admitted, key=lambda candidate: candidate.psnr)
 

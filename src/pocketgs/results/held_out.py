@@ -30,7 +30,7 @@ def check_comparable(held_out: Sequence[Frame]) -> None:
             expected = f"expected at least {SSIM_WINDOW} pixels a side, or --hold-out 0"
             raise PocketGSError(f"{frame.name}: a held-out view of {width}x{height} pixels, {expected}")
         if frame.mask is not None and not frame.mask[border:-border, border:-border].any():
-            expected = f"expected some {border} pixels or more inside the image; all black, it leaves the view out"
+            expected = f"expected unmasked pixels {border} or more inside the image, or --hold-out 0"
             raise PocketGSError(f"{frame.name}: the mask of a held-out view leaves nothing, {expected}")
 
 

@@ -95,6 +95,11 @@ def _encode(file: BinaryIO, frames: Iterable[np.ndarray], fps: float) -> None:
             container.mux(stream.encode())
 
 
+def even_size(width: int, height: int) -> tuple[int, int]:
+    """Width and height in a video, which has no odd row or column."""
+    return width // 2 * 2, height // 2 * 2
+
+
 def _even_frames(frames: Iterable[np.ndarray], path: Path) -> Iterator[np.ndarray]:
     """The frames without an odd row or column, checked; errors name `path`."""
     size: tuple[int, int] | None = None
@@ -102,7 +107,7 @@ def _even_frames(frames: Iterable[np.ndarray], path: Path) -> Iterator[np.ndarra
         if frame.ndim != 3 or frame.shape[2] != 3 or frame.dtype != np.uint8 or min(frame.shape[:2]) < 2:
             found = f"{frame.dtype} of shape {frame.shape}"
             raise PocketGSError(f"{path}: frame {number} is {found}, expected uint8 of shape (H, W, 3)")
-        height, width = frame.shape[0] // 2 * 2, frame.shape[1] // 2 * 2
+        width, height = even_size(frame.shape[1], frame.shape[0])
         size = size or (width, height)
         if (width, height) != size:
             raise PocketGSError(f"{path}: frame {number} has size {(width, height)}, expected {size} like the first")

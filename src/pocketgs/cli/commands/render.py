@@ -23,7 +23,7 @@ from pocketgs.files.paths import IMAGE_SUFFIXES
 from pocketgs.files.plain_names import plain_names
 from pocketgs.geometry.camera import Camera
 from pocketgs.results.folder import publishing_pictures
-from pocketgs.results.video import write_video
+from pocketgs.results.video import even_size, write_video
 from pocketgs.splat.engine import EngineOptions, Rendering
 
 VIDEO = ".mp4"
@@ -70,7 +70,7 @@ def render(
         opened = in_world_of(scene, read_for(scene, capture, reading))
     named_cameras = _cameras(opened, views, frames)
     cameras = [camera for _, camera in named_cameras]
-    sizes = sorted({(camera.width, camera.height) for camera in cameras})
+    sizes = sorted({even_size(camera.width, camera.height) for camera in cameras})
     if is_video and len(sizes) > 1:
         (width, height), (other_width, other_height), *_ = sizes
         found = f"found views of {width}x{height} and of {other_width}x{other_height}"

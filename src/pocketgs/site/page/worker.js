@@ -164,11 +164,11 @@ async function perform(name, capture, options, gpu, isKept, work) {
         onComplaint: (text) => tell("complaint", { text }),
         onBegin: async (begun) => {
             isKept = await isStored(keeper?.begin(name, begun, options));
-            canGoOn = (await tellOfKept()) && keeper !== null;
+            canGoOn = await tellOfKept();
         },
         onCheckpoint: async (checkpoint) => {
             isKept &&= await isStored(checkpoint && keeper.keep(checkpoint));
-            canGoOn = (await tellOfKept()) && keeper !== null;
+            canGoOn = await tellOfKept();
         },
     });
     const scene = await gpu.loss.unless(work(run), () => (canGoOn ? LOST_WHILE_KEPT : LOST_UNKEPT));
@@ -216,11 +216,11 @@ function openKept() {
     });
 }
 
-/** @returns {Promise<boolean>} whether a run is kept */
+/** @returns {Promise<boolean>} whether a run is kept that the last one has begun, or goes on with */
 async function tellOfKept() {
     const found = (await kept?.summary()) ?? null;
     tell("kept", { found });
-    return found !== null;
+    return found !== null && keeper !== null;
 }
 
 /**

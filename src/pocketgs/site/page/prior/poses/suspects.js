@@ -126,8 +126,11 @@ export function unmatchedViews(cameras, features, matches, distance, settings) {
         return 1 - pairs.reduce((sum, pair) => sum + linked[pair], 0) / pairs.length;
     };
     return cameras.map((_, view) => {
+        if (isMatched[view]) {
+            return false;
+        }
         const chance = logs[view].reduce((product, log) => product * chanceOf(log), 1);
         const enough = least * medianOf(nearest[view].map((other) => features[other].count));
-        return !isMatched[view] && chance < most && features[view].count >= enough;
+        return chance < most && features[view].count >= enough;
     });
 }
