@@ -71,9 +71,8 @@ def prior_line(report: PriorReport) -> str:
     """One line about the result of the geometry prior."""
     parts = [f"{report.keyframes} keyframes of {len(report.decisions)} frames"]
     if report.rmse is not None and report.rmse_given is not None:
-        change = f"{report.rmse_given:.2f} -> {report.rmse:.2f} px" if report.poses_refined else f"{report.rmse:.2f} px"
         parts.append(f"{report.sparse_points:,} sparse points")
-        parts.append(f"poses {'refined' if report.poses_refined else 'as given'} (reprojection {change})")
+        parts.append(_poses(report, report.rmse_given, report.rmse))
     if report.gains is not None:
         parts.append(f"exposure compensated, gains {report.gains.min():.0%} to {report.gains.max():.0%}")
     parts.append(f"cloud of {report.points:,} points")
@@ -81,6 +80,15 @@ def prior_line(report: PriorReport) -> str:
         known = f" ({report.coverage_known:.1%} by known depths)"
         parts.append(f"covers {report.coverage:.1%} of the training pixels{known}")
     return "prior: " + ", ".join(parts)
+
+
+def _poses(report: PriorReport, rmse_given: float, rmse: float) -> str:
+    """What became of the given poses, with their reprojection errors in pixels."""
+    if report.poses.convention and rmse == rmse_given:
+        return f"poses read as the photographs fit them (reprojection {rmse:.2f} px)"
+    if report.poses_refined:
+        return f"poses refined (reprojection {rmse_given:.2f} -> {rmse:.2f} px)"
+    return f"poses as given (reprojection {rmse:.2f} px)"
 
 
 def progress_line(progress: Progress) -> str:
