@@ -10,10 +10,18 @@ from typing import Any
 import pytest
 import torch
 from torch import Tensor
+from torch.autograd.graph import saved_tensors_hooks
 from torch.utils.checkpoint import checkpoint
 
 from pocketgs.errors import PocketGSError
-from pocketgs.torch import ClusterCompactor, fused_ssim, quat_scale_to_covar_preci, rasterization, spherical_harmonics
+from pocketgs.torch import (
+    ClusterCompactor,
+    fused_ssim,
+    quat_scale_to_covar_preci,
+    rasterization,
+    spherical_harmonics,
+    tiles,
+)
 
 SIZE = {"width": 50, "height": 37}
 
@@ -95,10 +103,23 @@ def test_changes_of_an_image_do_not_reach_gradients(
     assert torch.equal(found, expected)
 
 
+def test_hooks_may_replace_what_is_saved(make_scene: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    """As where large tensors are written to disk. A second image is drawn before backward, in the same memory."""
+    monkeypatch.setattr(tiles, "_waiting", [])
+    scene = make_scene(200)
+    (expected,) = torch.autograd.grad(rendered(scene).sum(), scene["means"])
+    with saved_tensors_hooks(lambda saved: saved.clone() if saved.numel() > 500 else saved, lambda saved: saved):
+        image = rendered(scene)
+        rendered(make_scene(200, seed=1))
+    (found,) = torch.autograd.grad(image.sum(), scene["means"])
+    assert torch.equal(found, expected)
+
+
+@pytest.mark.parametrize("mode", ["classic", "antialiased"])
 @pytest.mark.parametrize("double", [False, True])
 @pytest.mark.parametrize("name", ["means", "quats", "scales"])
 def test_a_gaussian_that_is_no_number_leaves_gradients_alone(
-    make_scene: Callable[..., Any], double: bool, name: str
+    make_scene: Callable[..., Any], double: bool, name: str, mode: str
 ) -> None:
     scene = make_scene(20, double=double)
     with torch.no_grad():
@@ -107,7 +128,7 @@ def test_a_gaussian_that_is_no_number_leaves_gradients_alone(
     if not double:
         covars, _ = quat_scale_to_covar_preci(scene["quats"].detach(), scene["scales"].detach())
         given = {**scene, "quats": None, "scales": None, "covars": covars}
-    image, _, meta = rasterization(**given, **SIZE, packed=False)
+    image, _, meta = rasterization(**given, **SIZE, packed=False, rasterize_mode=mode)
     image.sum().backward()
     assert not meta["radii"][0, 3].any()
     for each in ("means", "opacities", "colors", "viewmats", name):

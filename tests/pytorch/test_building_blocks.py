@@ -73,6 +73,26 @@ def test_selective_adam_moves_only_what_was_seen() -> None:
         optimiser.step(seen[:999])
 
 
+def test_selective_adam_takes_settings_that_are_tensors() -> None:
+    plain, tensors = (torch.nn.Parameter(torch.ones(50, 3)) for _ in range(2))
+    optimisers = [SelectiveAdam([{"params": [values], "lr": 0.1}]) for values in (plain, tensors)]
+    group = optimisers[1].param_groups[0]
+    group |= {name: torch.tensor(group[name], dtype=torch.float64) for name in ("lr", "eps")}
+    group["betas"] = tuple(torch.tensor(group["betas"], dtype=torch.float64))
+    for values, optimiser in zip((plain, tensors), optimisers, strict=True):
+        values.grad = torch.linspace(-1, 1, 150).reshape(50, 3)
+        optimiser.step(torch.ones(50, dtype=torch.bool))
+    assert torch.equal(plain, tensors)
+    assert not torch.equal(plain, torch.ones(50, 3))
+
+
+def test_selective_adam_refuses_sparse_gradients() -> None:
+    values = torch.nn.Parameter(torch.ones(50, 3))
+    values.grad = torch.ones(50, 3).to_sparse(1)
+    with pytest.raises(PocketGSError, match="found a sparse gradient, expected a dense one: sparse_grad=False"):
+        SelectiveAdam([values]).step(torch.ones(50, dtype=torch.bool))
+
+
 @pytest.mark.parametrize("shape", [(50, 0, 3), (0, 3)])
 def test_selective_adam_takes_empty_tensors(shape: tuple[int, ...]) -> None:
     """Such as the higher coefficients of harmonics of degree 0."""
@@ -164,3 +184,13 @@ def test_covariances_are_exact_under_autocast(make_scene: Callable[..., Any]) ->
             given = {**scene, "quats": None, "scales": None, "covars": covars}
             images.append(rasterization(**given, width=SIZE[0], height=SIZE[1])[0])
     assert torch.equal(*images)
+
+
+def test_gradients_of_backgrounds_are_exact_under_autocast(make_scene: Callable[..., Any]) -> None:
+    scene, gradients = make_scene(), []
+    for enabled in (False, True):
+        backgrounds = torch.rand(1, 3, generator=torch.Generator().manual_seed(0)).requires_grad_()
+        with torch.autocast("cpu", torch.bfloat16, enabled=enabled):
+            image, _, _ = rasterization(**scene, width=SIZE[0], height=SIZE[1], backgrounds=backgrounds)
+            gradients += torch.autograd.grad(image.square().sum(), backgrounds)
+    assert torch.equal(*gradients)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import pytest
@@ -75,6 +76,20 @@ def test_an_image_that_is_not_the_last_one_can_be_gone_back_from(
     expected = torch.autograd.grad(first.sum(), scene["colors"], retain_graph=True)[0]
     (second.sum() + first.sum()).backward()
     torch.testing.assert_close(scene["colors"].grad, 1.5 * expected)
+
+
+def test_threads_get_their_own_images(make_scene: Callable[..., Any], on_gpu: Callable[[], None]) -> None:
+    scenes = [{name: tensor.detach() for name, tensor in make_scene(50, seed=seed).items()} for seed in (0, 1)]
+
+    def drawn(scene: dict[str, Any]) -> torch.Tensor:
+        image: torch.Tensor = rasterization(**scene, **SIZE)[0]
+        return image
+
+    on_gpu()
+    expected = [drawn(scene) for scene in scenes]
+    with ThreadPoolExecutor(2) as executor:
+        found = list(executor.map(drawn, 20 * scenes))
+    assert all(torch.equal(image, expected[place % 2]) for place, image in enumerate(found))
 
 
 def test_an_image_of_nothing_is_its_background(make_scene: Callable[..., Any], on_gpu: Callable[[], None]) -> None:

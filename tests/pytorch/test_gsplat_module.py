@@ -11,6 +11,7 @@ import pytest
 from pocketgs.errors import PocketGSError
 from pocketgs.gpu.adapters import Adapter
 from pocketgs.torch import install_as_gsplat
+from pocketgs.torch.gsplat_module import VERSION
 
 PREPARE = """
 import torch
@@ -107,9 +108,9 @@ def test_earlier_versions_have_one_radius() -> None:
     assert run(script, "1.5.3").strip() == "(1, 1, 2)"
 
 
-def test_modules_are_looked_up_and_what_needs_cuda_says_so_when_called() -> None:
-    """After installing twice."""
-    run("""
+def test_modules_are_looked_up_and_what_is_missing_says_so() -> None:
+    """After installing twice: what needs CUDA when it is called, and, without gsplat's package, what it has."""
+    script = """
     import importlib.util
     pocketgs.torch.install_as_gsplat()
     import gsplat.cuda, fused_ssim
@@ -124,10 +125,11 @@ def test_modules_are_looked_up_and_what_needs_cuda_says_so_when_called() -> None
     from gsplat import rasterization_2dgs, rasterization_inria_wrapper
     from gsplat.cuda._wrapper import RollingShutterType, fully_fused_projection, rasterize_to_pixels_2dgs
     from gsplat.cuda._wrapper import FThetaCameraDistortionParameters, FThetaPolynomialType, adam, persp_proj
-    from gsplat.cuda._wrapper import UnscentedTransformParameters
+    from gsplat.cuda._wrapper import UnscentedTransformParameters, _make_lazy_cuda_func
     from gsplat.distributed import cli
     from gsplat.optimizers import SelectiveAdam
     from gsplat.relocation import compute_relocation
+    from gsplat.rendering import _rasterization
     from pocketgs import PocketGSError
     assert SelectiveAdam.__module__.startswith("pocketgs") and gsplat.__version__
     try:
@@ -137,7 +139,12 @@ def test_modules_are_looked_up_and_what_needs_cuda_says_so_when_called() -> None
     else:
         raise AssertionError
     assert not hasattr(gsplat, "anything_else")
-    """)
+
+    find_spec = importlib.util.find_spec
+    importlib.util.find_spec = lambda name: None if name == "gsplat" else find_spec(name)
+    pocketgs.torch.install_as_gsplat()
+    """
+    run(script, warning=f"is not installed: pip install gsplat=={VERSION} if the script uses them")
 
 
 def test_versions_that_are_none_are_refused() -> None:
@@ -156,7 +163,11 @@ def test_scripts_that_name_cuda_run_on_the_cpu() -> None:
         device = f"cuda:{local_rank}"
         layers = torch.nn.ParameterDict({"one": torch.nn.Parameter(torch.ones(2))}).to(device).cuda()
         made = [torch.rand(1, device=device), torch.zeros(2, device=torch.device("cuda")), torch.ones(1).cuda()]
+        made += [torch.ones(1).to(local_rank), torch.ones(1).pin_memory(), torch.zeros(2, device=local_rank)]
         assert all(tensor.device.type == "cpu" for tensor in (*made, layers["one"], made[0].to("cuda:0")))
+        for place in (device, torch.device(device), local_rank):
+            torch.cuda.set_device(place)
+        torch.cuda.reset_peak_memory_stats()
         saved = io.BytesIO()
         torch.save(made, saved)
         saved.seek(0)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from pocketgs.torch.meta import Meta
 
 
@@ -34,3 +36,21 @@ def test_a_deleted_value_does_not_come_back() -> None:
     del found["ids"]
     assert found["offsets"] == 8
     assert set(found) == {"width", "offsets"}
+
+
+def test_what_is_shown_or_taken_out_is_computed() -> None:
+    assert repr(meta()) == "{'width': 50, 'ids': 7, 'offsets': 8}"
+    found = meta()
+    assert [found.popitem() for _ in range(3)] == [("offsets", 8), ("ids", 7), ("width", 50)]
+    with pytest.raises(KeyError):
+        found.popitem()
+    found = meta()
+    found.clear()
+    assert found.get("ids") is None
+
+
+def test_frameworks_make_one_of_the_same_type_from_pairs() -> None:
+    found = meta()
+    made = type(found)((name, value + 1) for name, value in found.items())
+    assert made == {"width": 51, "ids": 8, "offsets": 9}
+    assert Meta() == {}

@@ -146,6 +146,8 @@ def test_masks_that_are_no_masks_of_the_tiles(masks: torch.Tensor) -> None:
         ({"eps2d": torch.ones(2)}, "eps2d: found .*, expected a number"),
         ({"sh_degree": 1.0, "colors": torch.zeros(60, 4, 3)}, "sh_degree: found 1.0, expected an integer"),
         ({"colors": torch.zeros(60, 0)}, "colors: found no channels"),
+        ({"Ks": torch.ones(1, 3, 3, device="meta")}, "Ks: found a tensor on meta, expected one on the CPU"),
+        ({"means": torch.ones(60, 3, device="meta")}, "means: found a tensor on meta, expected one on the CPU"),
     ],
 )
 def test_settings_that_fail_in_kernels(make_scene: Callable[..., Any], wrong: dict[str, Any], message: str) -> None:

@@ -23,7 +23,8 @@ def photometric_loss(
     Args:
         rgb: (H, W, 3) float32, rendered.
         photo: (H, W, 3) uint8.
-        settings: of the loss; None for 0.8 L1 + 0.2 (1 - SSIM). Regularisers are ignored here.
+        settings: of the loss; None for 0.8 L1 + 0.2 (1 - SSIM). Images of less than 11 pixels in width or height, which
+            no window of SSIM fits, have L1 alone. Regularisers are ignored here.
         mask: (H, W) bool: pixels outside count as equal in SSIM's windows, and have no gradient.
 
     Returns:

@@ -62,6 +62,16 @@ def _kind(found: object) -> str:
     return "None" if found is None else f"{type(found).__module__}.{type(found).__name__}".removeprefix("builtins.")
 
 
+def check_on_cpu(name: str, tensor: Tensor) -> None:
+    """Check that kernels can read a tensor.
+
+    Raises:
+        PocketGSError: it is on another device.
+    """
+    if tensor.device.type != "cpu":
+        raise PocketGSError(f"{name}: found a tensor on {tensor.device}, expected one on the CPU: tensor.cpu()")
+
+
 def checked_dtype(tensors: Mapping[str, Tensor | None]) -> torch.dtype:
     """Check that all tensors have one floating-point type, and return it.
 
@@ -74,8 +84,7 @@ def checked_dtype(tensors: Mapping[str, Tensor | None]) -> torch.dtype:
     given = {name: tensor for name, tensor in tensors.items() if tensor is not None}
     first = next(iter(given))
     for name, tensor in given.items():
-        if tensor.device.type != "cpu":
-            raise PocketGSError(f"{name}: found a tensor on {tensor.device}, expected one on the CPU: tensor.cpu()")
+        check_on_cpu(name, tensor)
         if tensor.dtype not in (torch.float32, torch.float64):
             raise PocketGSError(f"{name}: found {tensor.dtype}, expected float32, or float64 for the slow reference")
         if tensor.dtype != given[first].dtype:

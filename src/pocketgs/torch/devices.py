@@ -11,18 +11,24 @@ from torch.overrides import TorchFunctionMode
 _BEFORE_CUDA = 5
 """Priority among the functions that place loaded storages; that of CUDA is 20."""
 
+_ON_CPU_ALREADY = (torch.Tensor.cuda, torch.Tensor.pin_memory)
+
+_OF_DEVICES_ALONE = ("reset_peak_memory_stats", "set_device", "synchronize")
+"""Functions of `torch.cuda` that do nothing to the CPU, and raise errors where there is no CUDA device."""
+
 
 class CudaMeansCpu(TorchFunctionMode):
-    """Every function and method of PyTorch takes the device "cuda", of any number, for the CPU."""
+    """Every function and method of PyTorch takes the device "cuda", of any number, or its number for the CPU."""
 
     def __torch_function__(
         self, function: Callable[..., Any], types: Any, args: tuple[Any, ...] = (), kwargs: dict[str, Any] | None = None
     ) -> Any:
         """Call the function with the CPU in place of CUDA devices."""
-        if function is torch.Tensor.cuda:
+        if function in _ON_CPU_ALREADY:
             return args[0]
-        named = {name: _on_cpu(value) for name, value in (kwargs or {}).items()}
-        return function(*map(_on_cpu, args), **named)
+        named = {name: _on_cpu(value, name == "device") for name, value in (kwargs or {}).items()}
+        number = 1 if function is torch.Tensor.to else None  # the place of what may be a device's number
+        return function(*(_on_cpu(value, place == number) for place, value in enumerate(args)), **named)
 
 
 _installed = CudaMeansCpu()
@@ -37,11 +43,14 @@ def let_cuda_mean_cpu() -> None:
     _is_installed = True
     _installed.__enter__()
     torch.serialization.register_package(_BEFORE_CUDA, lambda storage: None, _stays_on_cpu)
-    torch.cuda.synchronize = lambda device=None: None
+    for name in _OF_DEVICES_ALONE:
+        setattr(torch.cuda, name, lambda device=None: None)
 
 
-def _on_cpu(value: Any) -> Any:
-    """The CPU for a CUDA device; anything else as it is."""
+def _on_cpu(value: Any, may_be_number: bool) -> Any:
+    """The CPU for a CUDA device, or for its number where that may be given; anything else as it is."""
+    if may_be_number and type(value) is int:
+        return "cpu"
     if isinstance(value, torch.device):
         return torch.device("cpu") if value.type == "cuda" else value
     is_cuda = isinstance(value, str) and value.partition(":")[0] == "cuda"

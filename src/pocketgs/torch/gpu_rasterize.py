@@ -15,6 +15,7 @@ from pocketgs.splat.constants import CULLED
 from pocketgs.splat.cpu.layout import DEPTH, EXPONENT_XX, EXPONENT_XY, EXPONENT_YY, LOG2_OPACITY, MEAN_X, MEAN_Y
 from pocketgs.splat.webgpu.compositor import NOT_DRAWN, SplatCompositor, Splats
 from pocketgs.torch.arrays import array_of, flat, torch_threads, zeros
+from pocketgs.torch.covariance import in_full_precision
 from pocketgs.torch.tiles import NO_COLOURS, splat_rows
 from pocketgs.torch.unsupported import first_derivative
 
@@ -62,6 +63,7 @@ class GpuRasterizer(torch.autograd.Function):
 
     @staticmethod
     @first_derivative
+    @in_full_precision
     def backward(ctx: Any, *d_outputs: Tensor) -> tuple[Tensor | None, ...]:
         """Replay all images."""
         centres, conics, colours, opacities, depths, behind, light = ctx.saved_tensors

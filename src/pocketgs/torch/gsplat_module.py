@@ -47,6 +47,9 @@ UNSUPPORTED = (
     "FThetaCameraDistortionParameters",
     "FThetaPolynomialType",
     "UnscentedTransformParameters",
+    "_make_lazy_cuda_func",
+    "_make_lazy_cuda_obj",
+    "_rasterization",
     "accumulate",
     "accumulate_2dgs",
     "adam",
@@ -121,8 +124,12 @@ def install_as_gsplat(
         LOG.warning("%s: meta['radii'] changed in 1.5, so strategies of the installed package fail", found)
     for name in [name for name in sys.modules if name == "gsplat" or name.startswith("gsplat.")]:
         del sys.modules[name]
-    module = _make_module("gsplat", _installed_folders(), version)
+    folders = _installed_folders()
+    module = _make_module("gsplat", folders, version)
     LOG.warning("gsplat %s resolves to PocketGS: rasterization runs without CUDA", version)
+    if not folders:
+        missing = "gsplat's own package, which has strategies, compression and export, is not installed"
+        LOG.warning("%s: pip install gsplat==%s if the script uses them; it needs no CUDA", missing, VERSION)
     if importlib.util.find_spec("fused_ssim") is None:
         similarity = _empty_module("fused_ssim")
         vars(similarity)["fused_ssim"] = fused_ssim

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from types import MappingProxyType
 from typing import Any
 
 
@@ -13,11 +14,15 @@ class Meta(dict[str, Any]):
     Training does not use gsplat's tile intersections, and sorting them takes longer than drawing.
 
     Args:
-        known: values that are available.
+        known: values that are available, as `dict` takes them: frameworks call `type(meta)(pairs)`.
         computed: functions that compute values, by the names of the values that each returns.
     """
 
-    def __init__(self, known: dict[str, Any], computed: dict[tuple[str, ...], Callable[[], Iterable[Any]]]) -> None:
+    def __init__(
+        self,
+        known: Mapping[str, Any] | Iterable[tuple[str, Any]] = (),
+        computed: Mapping[tuple[str, ...], Callable[[], Iterable[Any]]] = MappingProxyType({}),
+    ) -> None:
         super().__init__(known)
         self._waiting = {name: names for names in computed for name in names}
         self._computed = computed
@@ -42,6 +47,9 @@ class Meta(dict[str, Any]):
     def __delitem__(self, name: str) -> None:
         self._waiting.pop(name, None)
         super().__delitem__(name)
+
+    def __repr__(self) -> str:
+        return repr(self.copy())
 
     def __eq__(self, other: object) -> bool:
         return self.copy() == other
@@ -77,6 +85,17 @@ class Meta(dict[str, Any]):
         """Remove a value and return it."""
         self._settle(name)
         return super().pop(name, *default)
+
+    def popitem(self) -> tuple[str, Any]:
+        """Remove the last name, and return it with its value."""
+        if self:
+            self._settle(next(reversed(self)))
+        return super().popitem()
+
+    def clear(self) -> None:
+        """Remove all names."""
+        self._waiting.clear()
+        super().clear()
 
     def setdefault(self, name: str, default: Any = None) -> Any:
         """The value of this name, which is set to the default if it is missing."""

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from pocketgs.errors import PocketGSError
 from pocketgs.splat.cpu.operators.selected_adam import adam_of_rows
-from pocketgs.torch.arrays import array_of, check_tensors, torch_threads
+from pocketgs.torch.arrays import array_of, check_tensors, real_numbers, torch_threads
 
 
 class SelectiveAdam(torch.optim.Adam):
@@ -36,7 +36,8 @@ class SelectiveAdam(torch.optim.Adam):
             visibility: (N,) bool, visible rows.
 
         Raises:
-            PocketGSError: a group contains several tensors, or one that is not float32 with N rows.
+            PocketGSError: a group contains several tensors, one that is not float32 with N rows, a sparse gradient, or
+                a setting that is not a number.
         """
         check_tensors(0, visibility=visibility)
         seen = array_of(visibility.bool().flatten())
@@ -46,9 +47,13 @@ class SelectiveAdam(torch.optim.Adam):
             values = group["params"][0]
             if values.grad is None:
                 continue
+            if values.grad.is_sparse:
+                raise PocketGSError("SelectiveAdam: found a sparse gradient, expected a dense one: sparse_grad=False")
             if values.dtype != torch.float32 or len(values) != len(seen):
                 found = f"{values.dtype} {tuple(values.shape)}"
                 raise PocketGSError(f"SelectiveAdam: found {found}, expected float32 with {len(seen)} rows")
+            (beta1, beta2), lr, eps = group["betas"], group["lr"], group["eps"]
+            lr, beta1, beta2, eps = real_numbers(lr=lr, beta1=beta1, beta2=beta2, eps=eps)
             state = self.state[values]
             if not state:
                 state["step"] = torch.tensor(0.0)
@@ -60,18 +65,7 @@ class SelectiveAdam(torch.optim.Adam):
             shape = (len(values), math.prod(values.shape[1:]))
             tensors = (updated, values.grad, state["exp_avg"], state["exp_avg_sq"])
             rows, gradients, moments, squares = (array_of(tensor).reshape(shape) for tensor in tensors)
-            adam_of_rows(
-                rows,
-                gradients,
-                moments,
-                squares,
-                seen,
-                group["lr"],
-                group["betas"][0],
-                group["betas"][1],
-                group["eps"],
-                torch_threads(),
-            )
+            adam_of_rows(rows, gradients, moments, squares, seen, lr, beta1, beta2, eps, torch_threads())
             if not values.is_contiguous():
                 # Columns of a larger tensor, as trainers slice harmonics.
                 values.copy_(updated)

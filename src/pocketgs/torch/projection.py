@@ -10,7 +10,7 @@ from torch import Tensor
 from pocketgs.errors import PocketGSError
 from pocketgs.splat.constants import ALPHA_MIN, MIN_DETERMINANT
 from pocketgs.splat.cpu.operators.projection import REACH, UNBOUNDED
-from pocketgs.torch.arrays import check_shape, check_tensors, checked_dtype
+from pocketgs.torch.arrays import check_on_cpu, check_shape, check_tensors, checked_dtype
 from pocketgs.torch.covariance import from_upper_triangle, proj, quat_scale_to_covar_preci, world_to_cam
 from pocketgs.torch.project import Project2D, ProjectedSplats, Projection
 from pocketgs.torch.rows import Rows
@@ -94,6 +94,7 @@ def projected(
     """`fully_fused_projection`, with its settings in one object, before the rows get their shape."""
     tensors = {"means": means, "covars": covars, "quats": quats, "scales": scales}
     dtype = checked_dtype({**tensors, "viewmats": viewmats, "opacities": opacities})
+    check_on_cpu("Ks", Ks)
     check_camera_model(projection.camera_model)
     lead, count, cameras = tuple(means.shape[:-2]), means.shape[-2], viewmats.shape[-3]
     check_shape("means", means, (*lead, count, 3))
@@ -154,7 +155,7 @@ def _project(
     before = xx * yy - xy * xy
     xx, yy = xx + projection.eps2d, yy + projection.eps2d
     determinant = (xx * yy - xy * xy).clamp(min=_LEAST_DETERMINANT)
-    compensations = (before / determinant).clamp(min=0.0).sqrt() if projection.compensated else torch.ones_like(depths)
+    compensations = _root(before / determinant) if projection.compensated else torch.ones_like(depths)
     conics = torch.stack([yy, -xy, xx], -1) / determinant[..., None]
     with torch.no_grad():
         drawn = torch.full_like(depths, UNBOUNDED)
@@ -175,6 +176,12 @@ def _project(
     mask = seen.flatten()
     kept = [torch.where(mask[:, None] if each.ndim == 2 else mask, each, 0.0) for each in flat]
     return ProjectedSplats._make([*kept, radii.reshape(-1, 2), rows])
+
+
+def _root(squares: Tensor) -> Tensor:
+    """√ of what is positive, otherwise 0, with a gradient of 0 there: that of √0 is infinite, and 0 times it is NaN."""
+    positive = squares > 0.0
+    return torch.where(positive, torch.where(positive, squares, 1.0).sqrt(), 0.0)
 
 
 def in_rows(

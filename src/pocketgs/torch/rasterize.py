@@ -19,6 +19,7 @@ from pocketgs.splat.cpu.tile_image import TileImage
 from pocketgs.splat.cpu.tile_sums import sums_per_intersection
 from pocketgs.splat.limits import GSPLAT
 from pocketgs.torch.arrays import array_of, flat, torch_threads, zeros
+from pocketgs.torch.covariance import in_full_precision
 from pocketgs.torch.tiles import Tiles, splat_rows
 from pocketgs.torch.unsupported import first_derivative
 
@@ -93,6 +94,7 @@ class TileRasterizer(torch.autograd.Function):
 
     @staticmethod
     @first_derivative
+    @in_full_precision
     def backward(ctx: Any, *d_outputs: Tensor) -> tuple[Tensor | None, ...]:
         """Replay all images."""
         centres, conics, colours, opacities, *tensors = ctx.saved_tensors

@@ -77,10 +77,12 @@ class TileBinner(torch.autograd.Function):
             clusters = np.arange(-(-len(keys) // CLUSTER), dtype=np.int32)
             seen, order = sort_by_depth(keys, clusters, *np.empty((3, len(keys)), np.int32))
             binner = _take_binner(threads)
-            lists.append(binner.bin(splats, seen, order, _image(width, height)))
+            found = binner.bin(splats, seen, order, _image(width, height))
+            # The rasterizer keeps both until backward, but hooks of saved tensors may keep a copy of either. So only
+            # one of them is the binner's memory, which goes back with it.
+            lists.append(found._replace(slots=found.slots[: len(keys)].copy()))
             visible.append(seen)
-            # The rasterizer keeps this array until backward, along with the others, which are the binner's too.
-            weakref.finalize(lists[-1].intersections, _give_back, threads, binner).atexit = False
+            weakref.finalize(found.intersections, _give_back, threads, binner).atexit = False
         return Tiles(width, height, first_rows, lists, visible)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -98,6 +99,8 @@ class CpuBackend:
         self._compositor = COMPOSITORS[compositor]
         self.threads = kernel_threads(threads)
         self._binner = Binner(self.threads)
+        # Another thread's lists would overwrite those that are not copied yet.
+        self._binning = threading.Lock()
 
     def forward(
         self,
@@ -124,7 +127,8 @@ class CpuBackend:
         clusters = Clusters(count).in_view(scene, view, lens, near, self.threads)
         project(arrays, view, lens, near, clusters, self.threads, splats, buffers.depth_keys)
         visible, order = self._compositor.order(buffers.depth_keys, clusters, *buffers.orders)
-        lists = _copied(self._binner.bin(splats, visible, order, view))
+        with self._binning:
+            lists = _copied(self._binner.bin(splats, visible, order, view))
         drawn = TileImage.empty(view, max(composited, COLOURS))
         black = np.zeros(len(drawn.image), np.float32)
         self._compositor.forward(splats, lists, black, TRAINING, self.threads, drawn)

@@ -57,7 +57,8 @@ class SplatGradient:
 class SplatCompositor:
     """Sorts splats, lists them for tiles, composites them over black, and goes back.
 
-    The GPU holds one image's lists at a time. Going back from an earlier image draws it again first.
+    The GPU holds one image's lists at a time: threads take turns. Going back from an earlier image draws it again
+    first.
 
     Args:
         gpu: part of the name of the GPU to use, or None for the best.
@@ -71,18 +72,20 @@ class SplatCompositor:
 
     def forward(self, splats: Splats) -> tuple[np.ndarray, np.ndarray]:
         """The (C, H, W) image and its transmittance (H, W)."""
-        self._show(splats)
-        return read_image(self._lists, splats.channels.shape[1], splats.width, splats.height)
+        with self._lists.lock:
+            self._show(splats)
+            return read_image(self._lists, splats.channels.shape[1], splats.width, splats.height)
 
     def backward(
         self, splats: Splats, d_image: np.ndarray, d_transmittance: np.ndarray, absolute: bool
     ) -> SplatGradient:
         """Gradients with respect to the splats from those with respect to what `forward` returned."""
-        self._show(splats)
         count, channels = splats.channels.shape
-        self._lists.run(backward_sequence(absolute), {"d_image": packed(d_image, d_transmittance)})
-        rows = read_channel_gradients(self._lists, count)
-        shapes = self._lists.read("shape_gradients", np.float32, SHAPE_GRADIENT_WORDS * count)
+        with self._lists.lock:
+            self._show(splats)
+            self._lists.run(backward_sequence(absolute), {"d_image": packed(d_image, d_transmittance)})
+            rows = read_channel_gradients(self._lists, count)
+            shapes = self._lists.read("shape_gradients", np.float32, SHAPE_GRADIENT_WORDS * count)
         shapes = shapes.reshape(count, SHAPE_GRADIENT_WORDS)
         return SplatGradient(
             centres=rows[:, :2],

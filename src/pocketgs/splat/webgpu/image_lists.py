@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Mapping
 from functools import partial
 from types import MappingProxyType
@@ -29,6 +30,9 @@ class ImageLists:
 
     Raises:
         PocketGSError: there is no such device, or it lacks something.
+
+    Attributes:
+        lock: to hold from `holds` or `draw` until all is read: another thread's image would take this one's place.
     """
 
     def __init__(self, gpu: str | None, describe: Callable[[bool], Description]) -> None:
@@ -39,6 +43,7 @@ class ImageLists:
         self._room = MIN_INTERSECTIONS
         self._drawn: object | None = None
         self.symbols: dict[str, int] = {}
+        self.lock = threading.Lock()
 
     def holds(self, image: object) -> bool:
         """Whether this image was drawn last."""

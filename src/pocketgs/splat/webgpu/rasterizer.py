@@ -66,7 +66,8 @@ class _Tape:
 class WebGpuBackend:
     """See `pocketgs.splat.backend.Backend`.
 
-    The GPU holds one image's lists at a time. Going back from an earlier image draws it again first.
+    The GPU holds one image's lists at a time: threads take turns. Going back from an earlier image draws it again
+    first.
 
     Args:
         gpu: part of the name of the GPU to use, or None for the best.
@@ -106,11 +107,12 @@ class WebGpuBackend:
             values=values,
             antialiased=antialiased,
         )
-        self._show(tape)
-        image, transmittance = read_image(self._lists, composited, camera.width, camera.height)
-        visible = self._visible()
         words = SPLAT_WORDS["f32"]
-        splats = self._lists.read("splats", np.float32, words * len(scene)).reshape(-1, words)[visible]
+        with self._lists.lock:
+            self._show(tape)
+            image, transmittance = read_image(self._lists, composited, camera.width, camera.height)
+            visible = self._visible()
+            splats = self._lists.read("splats", np.float32, words * len(scene)).reshape(-1, words)[visible]
         return Composite(image, transmittance, visible, half_sizes(splats[:, 3], splats[:, 4:7]), tape)
 
     def backward(
@@ -119,11 +121,12 @@ class WebGpuBackend:
         """Rasterize backward → project backward."""
         tape: _Tape = composite.tape
         count, coefficients = tape.scene.sh.shape[:2]
-        self._show(tape)
-        self._lists.run(backward_sequence(absolute), {"d_image": packed(d_image, d_transmittance)})
-        columns = self._lists.symbols["columns"]
-        gradients = self._lists.read("gradients", np.float32, columns * count).reshape(columns, count).T
-        rows = read_channel_gradients(self._lists, count)
+        with self._lists.lock:
+            self._show(tape)
+            self._lists.run(backward_sequence(absolute), {"d_image": packed(d_image, d_transmittance)})
+            columns = self._lists.symbols["columns"]
+            gradients = self._lists.read("gradients", np.float32, columns * count).reshape(columns, count).T
+            rows = read_channel_gradients(self._lists, count)
         layout = ParameterLayout(coefficients)
         d_sh = (
             gradients[:, layout.columns_of("sh")] if tape.colours else np.zeros((count, 3 * coefficients), np.float32)
@@ -141,9 +144,10 @@ class WebGpuBackend:
 
     def inspect(self, composite: Composite) -> tuple[Contributions, np.ndarray]:
         """Contributions of each Gaussian, and the median depth."""
-        self._show(composite.tape)
-        contributions = self._inspected(len(composite.tape.scene))
-        depths = self._lists.read("median_depths", np.float32, self._lists.symbols["pixels"])
+        with self._lists.lock:
+            self._show(composite.tape)
+            contributions = self._inspected(len(composite.tape.scene))
+            depths = self._lists.read("median_depths", np.float32, self._lists.symbols["pixels"])
         return contributions, depths.reshape(composite.transmittance.shape)
 
     def contributions(self, parameters: Parameters, cameras: Iterable[Camera], near: float) -> Iterator[Contributions]:
@@ -157,8 +161,10 @@ class WebGpuBackend:
             tape = _Tape(
                 scene=scene, camera=camera, near=near, colours=False, channels=0, values=values, antialiased=False
             )
-            self._lists.draw(tape, tape.symbols, camera, near, content)
-            yield self._inspected(len(scene))
+            with self._lists.lock:
+                self._lists.draw(tape, tape.symbols, camera, near, content)
+                found = self._inspected(len(scene))
+            yield found
 
     def _inspected(self, count: int) -> Contributions:
         """Contributions of `count` Gaussians to the image that was drawn last."""
