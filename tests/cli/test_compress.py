@@ -82,6 +82,7 @@ def test_one_far_gaussian_makes_the_grid_coarse(pocketgs: Callable[..., Any], re
         (["--output", "out.ply"], "not the name of a compressed scene, expected one that ends in .pgs"),
         (["--output", "nowhere/out.pgs"], "its folder does not exist"),
         (["--output", "out.pgs", "--json", "nowhere/figures.json"], "its folder does not exist"),
+        (["--output", "out.pgs", "--json", "../{}/out.pgs"], "named by both --output and --json, expected two files"),
         (["--output", "folder.pgs"], "folder.pgs: is a folder"),
         (["--output", "out.pgs", "--size", "1", "--quality", "1"], "both --size and --quality"),
         (["--output", "out.pgs", "--size", "0"], "size: found 0.0, expected megabytes above 0"),
@@ -100,7 +101,7 @@ def test_mistakes_leave_files_alone(
     monkeypatch.chdir(tmp_path)
     Path("out.pgs").write_bytes(b"PGSC before")
     Path("folder.pgs").mkdir()
-    outcome = pocketgs("compress", result, *arguments)
+    outcome = pocketgs("compress", result, *(argument.format(tmp_path.name) for argument in arguments))
     assert outcome.status == 2
     assert message in outcome.errors
     assert Path("out.pgs").read_bytes() == b"PGSC before"

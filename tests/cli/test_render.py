@@ -14,7 +14,11 @@ import pytest
 from PIL import Image
 
 from pocketgs import Capture, Gaussians
+from pocketgs.cli.commands.render import _nearest, _picture
 from pocketgs.errors import counted
+from pocketgs.geometry.camera import Camera
+from pocketgs.scene.background import Background
+from pocketgs.splat.engine import Rendering
 from pocketgs.splat.rendering import render, render_all
 
 
@@ -148,6 +152,42 @@ def test_depth_and_alpha_are_grey(rendered: Callable[..., Any], small_capture: C
             assert depth is not None
             near = depth < np.quantile(depth, 0.2)
             assert picture[near].mean() > 1.2 * picture[depth > np.quantile(depth, 0.8)].mean()
+
+
+class Moving:
+    """A wall at a distance of 10, and a post at 2 that only the later views of an orbit show."""
+
+    def render(self, camera: Camera, background: Background = (0, 0, 0), depth: bool = False) -> Rendering:
+        found = np.full((camera.height, camera.width), 10.0, np.float32)
+        found[:, :2] = 0.0
+        if camera.fx > 50:
+            found[:, 10:13] = 2.0
+        return Rendering(np.zeros((*found.shape, 3), np.float32), (found > 0).astype(np.float32), found)
+
+
+def test_depth_has_one_scale_for_all_views() -> None:
+    """A video would flicker where a near thing comes into view."""
+    cameras = [Camera(40, 30, fx, 50.0, 20.0, 15.0, np.eye(4)) for fx in np.linspace(1, 100, 50)]
+    nearest = _nearest(Moving(), cameras, (0.0, 0.0, 0.0))
+    pictures = [_picture(Moving().render(camera), "depth", nearest) for camera in (cameras[0], cameras[-1])]
+    for picture in pictures:
+        assert np.unique(picture[:, 20:]).tolist() == [round(255 * 2 / 10)]
+        assert not picture[:, :2].any()
+    assert np.unique(pictures[1][:, 10:13]).tolist() == [255]
+
+
+@pytest.mark.parametrize("covered", [0, 1, 8])
+def test_depth_of_small_things_is_scaled_by_them(covered: int) -> None:
+    class Small:
+        def render(self, camera: Camera, background: Background = (0, 0, 0), depth: bool = False) -> Rendering:
+            found = np.zeros((camera.height, camera.width), np.float32)
+            found[0, :covered] = 100.0
+            return Rendering(np.zeros((*found.shape, 3), np.float32), (found > 0).astype(np.float32), found)
+
+    camera = Camera(40, 30, 50.0, 50.0, 20.0, 15.0, np.eye(4))
+    picture = _picture(Small().render(camera), "depth", _nearest(Small(), [camera], (0.0, 0.0, 0.0)))
+    assert picture.max() == (255 if covered else 0)
+    assert np.count_nonzero(picture[..., 0]) == covered
 
 
 def test_other_files_of_the_folder_stay(

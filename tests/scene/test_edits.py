@@ -131,6 +131,21 @@ def test_with_sh_degree() -> None:
     assert not more[:, 9:].any()
 
 
+def test_centres_beyond_the_range_of_numbers() -> None:
+    scene = random_scene(3, 1)
+    scene.means[1] = 3e38
+    for edit in (
+        lambda: scaled(scene, 2.0),
+        lambda: rotated(scene, rotation_of((0, 0, 45))),
+        lambda: translated(scene, np.array([2e38, 0, 0])),
+    ):
+        with pytest.raises(PocketGSError, match=r"moves a centre to [\d.]+e\+38, beyond what scenes can hold"):
+            edit()
+    scene.means[1] = np.inf, 0, 0
+    with np.errstate(invalid="ignore"):
+        assert np.isfinite(rotated(scene, rotation_of((0, 0, 45))).means[[0, 2]]).all()
+
+
 def test_what_cannot_be_done() -> None:
     scene = random_scene(3, 1)
     for edit in (

@@ -8,6 +8,7 @@ import re
 import signal
 import subprocess
 import sys
+import zipfile
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
@@ -183,6 +184,50 @@ def test_view_of_any_format(view: Callable[..., None], scene: Gaussians, tmp_pat
 
     write_scene(tmp_path / name, scene)
     view(look, tmp_path / name)
+
+
+@pytest.mark.parametrize("kind", ["toys.sog", "toys.compressed.ply", "big.ply"])
+def test_a_copy_keeps_the_mark_of_anti_aliasing(
+    view: Callable[..., None], scene: Gaussians, tmp_path: Path, kind: str
+) -> None:
+    def look(url: str) -> None:
+        body = fetch(url, "scene.ply").body
+        header = body.partition(b"end_header")[0].decode()
+        assert ("comment SplatRenderMode: mip" in header.splitlines()) == is_marked
+
+    path = tmp_path / kind
+    for is_marked in (False, True):
+        write_scene(path, scene)
+        if kind == "toys.sog":
+            mark_sog(path, is_marked)
+        else:
+            data = PlyData.read(str(path), mmap=False)
+            data.byte_order = ">" if kind == "big.ply" else "<"
+            data.comments = ["SplatRenderMode: mip"] if is_marked else []
+            data.write(str(path))
+        view(look, path)
+
+
+def mark_sog(path: Path, is_marked: bool) -> None:
+    with zipfile.ZipFile(path) as archive:
+        parts = {name: archive.read(name) for name in archive.namelist()}
+    parts["meta.json"] = json.dumps(json.loads(parts["meta.json"]) | {"antialias": is_marked}).encode()
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, content in parts.items():
+            archive.writestr(name, content)
+
+
+@pytest.mark.parametrize("line_end", [b"\n", b"\r\n", b"\r"])
+def test_copies_of_headers_that_the_page_does_not_read(scene: Gaussians, tmp_path: Path, line_end: bytes) -> None:
+    """It reads lines that end in a line feed; and a comment may name the last line."""
+    path = tmp_path / "toys.ply"
+    scene.save(path)
+    header, end, body = path.read_bytes().partition(b"end_header\n")
+    header = header.replace(b"element", b"comment no end_header\nelement", 1)
+    path.write_bytes((header + end).replace(b"\n", line_end) + body)
+    assert read_scene(path).means.tobytes() == scene.means.tobytes()
+    with readable_file(path, scene.save) as file:
+        assert (file == path) == (line_end != b"\r")
 
 
 def test_view_refuses(capsys: pytest.CaptureFixture[str], result: Path, tmp_path: Path) -> None:

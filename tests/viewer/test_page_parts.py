@@ -267,8 +267,12 @@ def test_what_is_cut_short_is_refused(page: Page, tmp_path: Path, written: Writt
     ("name", "content", "words"),
     [
         ("notes.txt", b"not a scene at all", "expected .pgs, .ply, .splat, .spz"),
-        ("a.ply", b"ply\nformat ascii 1.0\nelement vertex 1\nend_header\n", "format is ascii"),
-        ("a.ply", b"ply\nformat binary_little_endian 1.0\nelement face 1\nend_header\n", "element 'face'"),
+        ("a.ply", b"ply\nformat ascii 1.0\nelement vertex 1\nend_header\n", "format is ascii.*convert it first"),
+        (
+            "a.ply",
+            b"ply\nformat binary_little_endian 1.0\nelement face 1\nend_header\n",
+            "element 'face'.*convert it first",
+        ),
         ("a.ply", b"ply\nformat binary_little_endian 1.0\nelement chunk 1\nend_header\n", "compressed"),
         ("a.ply", b"ply\n" + bytes(70_000), "does not end"),
         (

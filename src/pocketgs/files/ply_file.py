@@ -12,8 +12,9 @@ from plyfile import PlyData
 from pocketgs.errors import PocketGSError, clipped
 from pocketgs.files.memory_bound import require_memory
 from pocketgs.files.opening import checked
+from pocketgs.files.ply_header import MAX_HEADER_BYTES, header_in
+from pocketgs.files.ply_text import text_elements
 
-MAX_HEADER_BYTES = 1 << 20
 LIST_BYTES = 20
 """Memory per byte of a file with lists, such as a mesh's triangles: each becomes an object."""
 
@@ -46,6 +47,8 @@ def read_elements(path: Path) -> dict[str, np.ndarray]:
         header = _checked_header(path)
         if b"property list" in header:
             require_memory(path, LIST_BYTES * path.stat().st_size, "its lists")
+        if (elements := text_elements(path, header)) is not None:
+            return elements
         if header.isascii():
             return {element.name: element.data for element in PlyData.read(str(path)).elements}
         with _PlainHeader(path, len(header)) as stream:
@@ -65,8 +68,8 @@ def read_comments(path: Path) -> list[str]:
     if not checked(path).is_file():
         raise PocketGSError(f"{path}: no such file, expected a .ply")
     with path.open("rb") as file:
-        header, end, _ = file.read(MAX_HEADER_BYTES).partition(b"end_header")
-    lines = header.decode("ascii", "replace").splitlines() if end else []
+        header = header_in(file.read(MAX_HEADER_BYTES))
+    lines = (header or b"").decode("ascii", "replace").splitlines()
     return [line.removeprefix("comment ").strip() for line in lines if line.startswith("comment ")]
 
 
@@ -93,9 +96,9 @@ def _checked_header(path: Path) -> bytes:
         PocketGSError: the file is shorter than its header states, or the header has no end.
     """
     with path.open("rb") as file:
-        header, end, _ = file.read(MAX_HEADER_BYTES).partition(b"end_header")
+        header = header_in(file.read(MAX_HEADER_BYTES))
         size = file.seek(0, os.SEEK_END)
-    if not end:
+    if header is None:
         raise PocketGSError(f"{path}: not a .ply: no end_header in its first {MAX_HEADER_BYTES} bytes")
     elements: list[list[int]] = []
     for words in map(bytes.split, header.splitlines()):

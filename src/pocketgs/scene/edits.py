@@ -114,15 +114,19 @@ def rotated(gaussians: Gaussians, rotation: np.ndarray) -> Gaussians:
         rotation: (3, 3), applied to column vectors.
 
     Raises:
-        PocketGSError: the matrix is not a rotation.
+        PocketGSError: the matrix is not a rotation, or a centre would exceed the range of float32.
     """
     rotation = np.asarray(rotation, dtype=np.float64)
     if not np.all(np.isfinite(rotation)) or np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-5:
         raise PocketGSError("rotation: the matrix is not orthonormal")
     if np.linalg.det(rotation) < 0:
         raise PocketGSError("rotation: the matrix mirrors the scene, expected a determinant of +1")
+    means = gaussians.means.astype(np.float64) @ rotation.T
+    # A coordinate that is none makes the others of its centre the same.
+    whole = np.isfinite(gaussians.means).all(axis=1)
+    _check_representable(gaussians.means[whole], means[whole], "rotation")
     return Gaussians(
-        gaussians.means @ rotation.T,
+        means,
         gaussians.log_scales,
         composed(_quaternion(rotation), gaussians.unit_quaternions),
         gaussians.opacity_logits,

@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from pocketgs.scene.formats.antialiased import MARK
+from pocketgs.scene.formats.marked import is_antialiased
+from pocketgs.scene.formats.ply import write_gaussians
+from pocketgs.scene.gaussians import Gaussians
+
 MAX_PLY_HEADER_BYTES = 1 << 16
+
+_END = re.compile(rb"^end_header\r?\n", re.MULTILINE)
+"""Last line of a header, as the page looks for it."""
 
 
 @contextmanager
@@ -30,6 +39,15 @@ def readable_file(path: Path, write: Callable[[Path], None]) -> Iterator[Path]:
         yield copy
 
 
+def write_copy(copy: Path, gaussians: Gaussians, original: Path) -> None:
+    """Write a `.ply` copy of a scene, with the mark of anti-aliasing that its file has: the page tells of it.
+
+    Raises:
+        PocketGSError: the copy cannot be written, or the file cannot be read.
+    """
+    write_gaussians(copy, gaussians, comments=[MARK] if is_antialiased(original) else [])
+
+
 def _is_readable(path: Path) -> bool:
     if path.suffix.lower() != ".ply":
         return path.suffix.lower() in (".pgs", ".splat", ".spz")
@@ -39,11 +57,13 @@ def _is_readable(path: Path) -> bool:
 
 def _is_plain_ply(start: bytes) -> bool:
     """Whether a .ply has the layout of the reference implementation: rows of 32-bit floats only."""
-    header, end, _ = start.partition(b"end_header")
-    lines = [line.split() for line in header.splitlines()]
+    end = _END.search(start)
+    if not end:
+        return False
+    lines = [line.split() for line in start[: end.start()].split(b"\n")]
     properties = [words for words in lines if words[:1] == [b"property"]]
     elements = [words[1] for words in lines if words[:1] == [b"element"] and len(words) > 1]
     is_float = all(words[1:2] in ([b"float"], [b"float32"]) for words in properties)
     has_gaussians = any(words[2:] == [b"f_dc_0"] for words in properties)
     is_little = [b"format", b"binary_little_endian", b"1.0"] in lines
-    return bool(end) and elements == [b"vertex"] and is_float and is_little and has_gaussians
+    return elements == [b"vertex"] and is_float and is_little and has_gaussians

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from plyfile import PlyData, PlyElement
 
-from pocketgs.scene.formats import write_scene
+from pocketgs.scene.formats import read_scene, write_scene
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.scene.warning import SceneWarning
 from scene.formats.scenes import random_scene
@@ -42,6 +43,32 @@ def test_no_warning_where_nothing_is_rounded(tmp_path: Path) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         write_scene(tmp_path / "whole.pgs", scene)
+
+
+def write_doubles(path: Path, offset: float, kind: str = "f8") -> None:
+    """Write a `.ply` of Gaussians of size 0.01, `offset` away from the origin, with centres of another type."""
+    with_floater(1.0).save(path)
+    data = PlyData.read(str(path), mmap=False)["vertex"].data
+    table = data.astype([(name, kind if name in "xyz" else "f4") for name in data.dtype.names])
+    for name in "xyz":
+        table[name] += offset
+    PlyData([PlyElement.describe(table, "vertex")], byte_order="<").write(str(path))
+
+
+def test_doubles_that_are_rounded_are_a_warning(tmp_path: Path) -> None:
+    """Geographic coordinates in metres have seven digits before the point, and float32 holds as many in all."""
+    write_doubles(tmp_path / "far.ply", 4.5e6)
+    told = r"far\.ply: centres are rounded to steps of 0\.5, .* smaller than 0\.01: .* reach 4\.5e\+06\. Move the scene"
+    with pytest.warns(SceneWarning, match=told):
+        read_scene(tmp_path / "far.ply")
+
+
+@pytest.mark.parametrize(("offset", "kind"), [(1e4, "f8"), (4.5e6, "f4"), (0.0, "f8")])
+def test_no_warning_where_reading_rounds_little(tmp_path: Path, offset: float, kind: str) -> None:
+    write_doubles(tmp_path / "scene.ply", offset, kind)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        read_scene(tmp_path / "scene.ply")
 
 
 @pytest.mark.parametrize("suffix", [".pgs", ".spz"])

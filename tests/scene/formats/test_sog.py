@@ -87,6 +87,37 @@ def test_names_that_begin_here(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found.means, read_scene(tmp_path / "a.sog").means)
 
 
+def test_a_folder_zipped_as_a_whole(tmp_path: Path) -> None:
+    sog.write_gaussians(tmp_path / "a.sog", random_scene(100, 1))
+    parts = parts_of(tmp_path / "a.sog")
+    inside = {"scene/": b"", **{f"scene/{name}": content for name, content in parts.items()}}
+    for more in ({}, {"__MACOSX/scene/._meta.json": b"?"}):
+        found = read_scene(packed(tmp_path / "b.sog", inside | more))
+        np.testing.assert_array_equal(found.means, read_scene(tmp_path / "a.sog").means)
+    with pytest.raises(PocketGSError, match=r"holds no 'meta.json'"):
+        read_scene(packed(tmp_path / "b.sog", inside | {"other/meta.json": parts["meta.json"]}))
+
+
+def test_the_clock_changes_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Boards without a battery start in 1970, which no ZIP file can state."""
+    sog.write_gaussians(tmp_path / "a.sog", random_scene(100, 1))
+    monkeypatch.setattr("time.time", lambda: 0.0)
+    sog.write_gaussians(tmp_path / "b.sog", random_scene(100, 1))
+    assert (tmp_path / "a.sog").read_bytes() == (tmp_path / "b.sog").read_bytes()
+
+
+@pytest.mark.parametrize("outlier", [30.0, 3e3, 1e6, -3e37])
+def test_an_outlier_costs_the_others_nothing(tmp_path: Path, outlier: float) -> None:
+    scene = random_scene(700, 0)
+    scene.log_scales[:] = np.random.default_rng(0).uniform(-9.0, 0.0, (700, 3))
+    scene.sh[5, 0, 0], scene.log_scales[6, 1] = outlier, -87.3
+    ordered = scene.select(morton_order(scene.means))
+    sog.write_gaussians(tmp_path / "a.sog", scene)
+    found = read_scene(tmp_path / "a.sog")
+    np.testing.assert_allclose(found.sh, ordered.sh, atol=0.02, rtol=1e-6)
+    np.testing.assert_allclose(found.log_scales, ordered.log_scales, atol=0.05)
+
+
 @pytest.mark.parametrize("name", ["scales", "sh0", "shN"])
 def test_codebook_without_its_first_number(tmp_path: Path, name: str) -> None:
     """The first number is null in some files: it continues the even steps of the others."""

@@ -9,6 +9,7 @@ import tracemalloc
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -99,6 +100,30 @@ def test_every_version(tmp_path: Path, version: int, degree: int) -> None:
         # y and z point the other way in the file, so that of degree 1 (y, z, x) the first two change signs.
         stored = (np.arange(64, 73).reshape(3, 3) - 128) / 128
         np.testing.assert_allclose(scene.sh[0, 1:4], stored * [[-1], [-1], [1]])
+
+
+@pytest.mark.parametrize("cuts", [(5,), (16,), (20, 21, 30), (35,)])
+def test_gzip_of_several_members(tmp_path: Path, cuts: tuple[int, ...]) -> None:
+    """Programs that pack in parallel write them, and the page reads them."""
+    content = b"".join([header(3), *streams(3)])
+    parts = [content[start:end] for start, end in pairwise((0, *cuts, len(content)))]
+    members = b"".join(gzip.compress(part, mtime=0) for part in (*parts, b""))
+    found = read(tmp_path, members)
+    assert found.means.tolist() == [[1, 2, 3]]
+    # What follows the last member was never read.
+    assert read(tmp_path, members + b"more").means.tolist() == found.means.tolist()
+    with pytest.raises(PocketGSError, match="holds more than"):
+        read(tmp_path, members + gzip.compress(b"more", mtime=0))
+    with pytest.raises(PocketGSError, match="cut short"):
+        read(tmp_path, gzip.compress(parts[0], mtime=0))
+    with pytest.raises(PocketGSError, match="not a readable gzip stream"):
+        read(tmp_path, gzip.compress(parts[0], mtime=0) + b"\x1f\x8b" + bytes(40))
+
+
+def test_members_that_unpack_to_far_more(tmp_path: Path) -> None:
+    packed = gzip.compress(bytes(50_000_000), mtime=0)
+    with little_memory(), pytest.raises(PocketGSError, match="holds more than"):
+        read(tmp_path, in_gzip(header(3), *streams(3)) + packed)
 
 
 def test_harmonics_are_turned_with_the_axes(tmp_path: Path) -> None:

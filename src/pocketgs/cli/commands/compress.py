@@ -101,11 +101,13 @@ def _check_names(scene: Path, capture: Path | None, output: Path, json: Path | N
     """Refuse names that cannot be right before any work.
 
     Raises:
-        PocketGSError: the output is no .pgs, it or the figures cannot be written where they are to be, or the scene is
-            none.
+        PocketGSError: the output is no .pgs, it or the figures cannot be written where they are to be, both would be
+            one file, or the scene is none.
     """
     if output.suffix.lower() != SUFFIX:
         raise PocketGSError(f"{output}: not the name of a compressed scene, expected one that ends in {SUFFIX}")
+    if json and json.resolve() == output.resolve():
+        raise PocketGSError(f"{json}: named by both --output and --json, expected two files")
     inputs = [scene, *([capture] if capture else [])]
     if _is_of_result(scene, output):
         check_compressed(output.parent)

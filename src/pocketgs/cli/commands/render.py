@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -24,13 +24,20 @@ from pocketgs.files.plain_names import plain_names
 from pocketgs.geometry.camera import Camera
 from pocketgs.results.folder import publishing_pictures
 from pocketgs.results.video import even_size, write_video
-from pocketgs.splat.engine import EngineOptions, Rendering
+from pocketgs.scene.background import Background
+from pocketgs.splat.engine import EngineOptions, Renderer, Rendering
 
 VIDEO = ".mp4"
 OTHER_FILES = (VIDEO_SUFFIXES - {VIDEO}) | {".gif", ".mpg", ".mpeg", ".wmv", ".flv", ".ogv"} | IMAGE_SUFFIXES
 """Suffixes of names that mean a file which cannot be written, and no folder."""
 
 FRAMES, FPS, MAX_FRAMES = 120, 30.0, 100_000
+
+NEAR = 0.99
+"""Quantile of 1 / depth that is white."""
+
+LOOKED_AT, PIXELS = 12, 100_000
+"""Maximum number of views that the brightness of depths is chosen by, and about the pixels of each."""
 
 Views = Literal["held-out", "train", "orbit", "path"]
 Show = Literal["colour", "depth", "alpha"]
@@ -55,7 +62,7 @@ def render(
         output: A folder for PNGs, in place of those of an earlier rendering, or a video if it ends in .mp4.
         views: The capture's held-out or training views, an orbit around its subject, or a smooth path through its
             training views.
-        show: Colour, expected depth (near is bright) or alpha.
+        show: Colour, expected depth (near is bright, equally in all views) or alpha.
         frames: Number of views of an orbit or path.
         fps: Frames per second of a video.
         engine: Options of the engine.
@@ -76,7 +83,8 @@ def render(
         found = f"found views of {width}x{height} and of {other_width}x{other_height}"
         raise PocketGSError(f"{output}: {found}, expected one size in a video: name a folder, or --views path")
     renderings = (renderer.render(camera, opened.background, show == "depth") for camera in cameras)
-    pictures = (_picture(rendering, show) for rendering in renderings)
+    nearest = _nearest(renderer, cameras, opened.background) if show == "depth" else 1.0
+    pictures = (_picture(rendering, show, nearest) for rendering in renderings)
     if is_video:
         try:
             output.parent.mkdir(parents=True, exist_ok=True)
@@ -120,8 +128,21 @@ def _cameras(capture: Capture, views: Views, frames: int) -> list[tuple[str, Cam
     return [(f"{number:04d}", camera) for number, camera in enumerate(made)]
 
 
-def _picture(rendering: Rendering, show: Show) -> np.ndarray:
-    """(H, W, 3) uint8 image for display."""
+def _nearest(renderer: Renderer, cameras: Sequence[Camera], background: Background) -> float:
+    """The inverse depth to show as white in all views, so that a surface is equally bright in each of them."""
+    places = np.linspace(0, len(cameras) - 1, min(len(cameras), LOOKED_AT)).round().astype(int)
+    inverses: list[np.ndarray] = []
+    for place in places:
+        depth = renderer.render(cameras[place], background, depth=True).depth
+        assert depth is not None
+        seen = depth[depth > 0]
+        inverses.append(1.0 / seen[:: max(1, len(seen) // PIXELS)])
+    together = np.concatenate(inverses)
+    return float(np.quantile(together, NEAR)) if len(together) else 1.0
+
+
+def _picture(rendering: Rendering, show: Show, nearest: float) -> np.ndarray:
+    """(H, W, 3) uint8 image for display; `nearest` is the inverse depth that is white."""
     if show == "colour":
         shown = rendering.image
     elif show == "alpha":
@@ -129,7 +150,6 @@ def _picture(rendering: Rendering, show: Show) -> np.ndarray:
     else:
         assert rendering.depth is not None
         inverse = np.divide(1.0, rendering.depth, out=np.zeros_like(rendering.depth), where=rendering.depth > 0)
-        nearest = np.quantile(inverse, 0.99) or 1.0
         shown = np.repeat((inverse / nearest * rendering.alpha)[..., None], 3, axis=2)
     return np.round(np.clip(shown, 0.0, 1.0) * 255.0).astype(np.uint8)
 

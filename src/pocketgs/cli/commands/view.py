@@ -37,7 +37,7 @@ def view(
         page: Options of the page's server.
         reading: Options for reading the capture.
     """
-    from pocketgs.viewer.readable import readable_file
+    from pocketgs.viewer.readable import readable_file, write_copy
     from pocketgs.viewer.scene_content import scene_content
     from pocketgs.viewer.server import serving
 
@@ -49,9 +49,11 @@ def view(
         opened = in_world_of(scene, read_for(scene, capture, reading)) if capture else None
     is_result = scene.is_dir()
     title = scene.resolve().name if is_result else scene.stem
-    gaussians = shown.gaussians if isinstance(shown, SortFreeScene) else shown
-    write = partial(write_sort_free, scene=shown) if isinstance(shown, SortFreeScene) else shown.save
     original = scene / SCENE if is_result else scene
+    if isinstance(shown, SortFreeScene):
+        gaussians, write = shown.gaussians, partial(write_sort_free, scene=shown)
+    else:
+        gaussians, write = shown, partial(write_copy, gaussians=shown, original=original)
     with readable_file(original, write) as file:
         content = scene_content(title, file, gaussians, scene if is_result else None, opened)
         content = replace(content, is_copy=file != original)

@@ -10,6 +10,9 @@ from pathlib import Path
 
 from pocketgs.scene.warning import warn
 
+MARK = "SplatRenderMode: mip"
+"""Comment of a `.ply` that marks a scene."""
+
 
 def is_marked(comments: Iterable[str]) -> bool:
     """Whether comments of a `.ply` mark a scene: `SplatRenderMode: mip` (Brush) or `antialiased 1` (Postshot).

@@ -1,4 +1,4 @@
-"""Codebooks: few numbers or vectors that approximate many, by Lloyd's algorithm."""
+"""Codebooks: few numbers or vectors that approximate many."""
 
 from __future__ import annotations
 
@@ -12,6 +12,12 @@ PER_ENTRY = 16
 BLOCK = 1 << 22
 """Maximum number of distances in memory."""
 
+EVEN = 0.85
+"""Share of a scalar codebook's entries that are spread evenly; the others are spread as frequently as values occur."""
+
+NARROWINGS = 32
+"""Number of times that the step between entries is narrowed. A step that is still too wide wastes only entries."""
+
 
 def scalar_codebook(values: np.ndarray, entries: int) -> tuple[np.ndarray, np.ndarray]:
     """Up to `entries` numbers that approximate all values.
@@ -24,19 +30,32 @@ def scalar_codebook(values: np.ndarray, entries: int) -> tuple[np.ndarray, np.nd
     if len(distinct) <= entries:
         book = np.concatenate([distinct, np.full(entries - len(distinct), distinct[-1])])
         return book, np.searchsorted(distinct, values.astype(np.float64))
-    # Nearer to equally wide than to equally frequent ranges: outliers are rare but seen. Rounding the log scales of a
-    # few Gaussians in fox's far background cost 0.56 dB after 32 rounds, which take entries from them, and 0.12 so.
-    quantiles = np.linspace(0.0, 1.0, entries)
-    book = 0.25 * np.quantile(flat, quantiles) + 0.75 * (flat[0] + quantiles * (flat[-1] - flat[0]))
-    sums = np.concatenate([[0.0], np.cumsum(flat)])
-    bounds = np.concatenate([[0], np.searchsorted(flat, 0.5 * (book[1:] + book[:-1])), [len(flat)]])
-    sizes = np.diff(bounds)
-    book = np.where(sizes > 0, np.diff(sums[bounds]) / np.maximum(sizes, 1), book)
+    # Nearer to equally wide than to equally frequent ranges: outliers are rare but seen. Rounding fox's log scales, of
+    # which the far background has few, costs 0.01 dB so; after 32 rounds of Lloyd's algorithm it cost 0.17.
+    cells = np.rint(_places(flat, entries) * (entries - 1)).astype(np.int64)
+    sizes = np.bincount(cells, minlength=entries)
+    means = np.bincount(cells, flat, entries) / np.maximum(sizes, 1)
+    book = np.maximum.accumulate(np.where(sizes > 0, means, -np.inf))
     return book, np.searchsorted(0.5 * (book[1:] + book[:-1]), values.astype(np.float64))
 
 
+def _places(ascending: np.ndarray, entries: int) -> np.ndarray:
+    """(N,) places from 0 to 1 of ascending values; those nearest to the same 1 / (entries - 1) share an entry.
+
+    A place mostly says how far a value is from the first one. A gap counts as one step between entries at most, so
+    that an outlier takes an entry of its own and leaves the others to the rest.
+    """
+    gaps = np.diff(ascending)
+    even = EVEN * (entries - 1)
+    step = (ascending[-1] - ascending[0]) / even
+    for _ in range(NARROWINGS):
+        step = np.minimum(gaps, step).sum() / even
+    distances = np.concatenate([[0.0], np.cumsum(np.minimum(gaps, step))])
+    return EVEN * distances / distances[-1] + (1.0 - EVEN) * np.linspace(0.0, 1.0, len(ascending))
+
+
 def vector_codebook(vectors: np.ndarray, entries: int, weights: np.ndarray, seed: int = 0) -> np.ndarray:
-    """Vectors that approximate all vectors, by weighted squared distance.
+    """Vectors that approximate all vectors, by weighted squared distance and Lloyd's algorithm.
 
     Args:
         vectors: (N, D).

@@ -15,7 +15,8 @@ from plyfile import PlyData, PlyElement
 
 from pocketgs.errors import PocketGSError
 from pocketgs.files.atomic_file import replacing
-from pocketgs.files.ply_file import MAX_HEADER_BYTES, read_comments, read_elements
+from pocketgs.files.ply_file import read_comments, read_elements
+from pocketgs.files.ply_header import MAX_HEADER_BYTES, header_in
 from pocketgs.geometry.quaternions import MAX_OTHER, drop_largest, restore_largest, unit
 from pocketgs.scene.formats import antialiased
 from pocketgs.scene.formats.activations import colour_of, dc_of, opacity_from_byte, opacity_of
@@ -45,9 +46,10 @@ def recognises(path: Path) -> bool:
     """Whether a `.ply` is compressed in this format."""
     try:
         with path.open("rb") as file:
-            header = file.read(MAX_HEADER_BYTES).partition(b"end_header")[0]
+            start = file.read(MAX_HEADER_BYTES)
     except OSError:
         return False
+    header = header_in(start) or start
     return b"element chunk" in header and PACKED[0].encode() in header
 
 

@@ -20,6 +20,7 @@ from pocketgs.files.ply_file import read_comments, read_vertices
 from pocketgs.scene.formats import antialiased
 from pocketgs.scene.formats.activations import finite_log_scales
 from pocketgs.scene.formats.checks import require_any, require_room, warn_of_degree_4
+from pocketgs.scene.formats.coarseness import warn_if_far
 from pocketgs.scene.gaussians import SH_COEFFICIENTS, Gaussians
 
 # Maximum bytes that reading takes per Gaussian and per spherical-harmonics coefficient, as measured.
@@ -114,10 +115,12 @@ def read_gaussians(path: Path) -> Gaussians:
         by_channel = stack(*(f"f_rest_{i}" for i in range(rest))).reshape(len(data), 3, rest // 3)
         sh[:, 1:] = np.swapaxes(by_channel[:, :, : coefficients - 1], 1, 2)
     antialiased.warn_if(antialiased.is_marked(read_comments(path)), path)
-    return Gaussians(
+    gaussians = Gaussians(
         stack("x", "y", "z"),
         finite_log_scales(log_scales),
         stack("rot_0", "rot_1", "rot_2", "rot_3"),
         stack("opacity")[:, 0],
         sh,
     )
+    warn_if_far(path, gaussians, [data[name] for name in ("x", "y", "z")])
+    return gaussians

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from pocketgs.files.ply_header import header_in
 from pocketgs.scene.formats.compressed_ply import PACKED
 from pocketgs.scene.formats.gltf import EXTENSION
 from pocketgs.scene.formats.gltf_document import GLB_MAGIC
+from pocketgs.scene.formats.gzip_members import MAGIC as GZIP_MAGIC
 from pocketgs.scene.formats.pgs_sections import MAGIC as PGS_MAGIC
 from pocketgs.scene.formats.splat import RECORD
-from pocketgs.scene.formats.spz import GZIP_MAGIC
 from pocketgs.scene.formats.spz import MAGIC as SPZ_MAGIC
 
 BEGINNING = 100_000
@@ -28,7 +29,7 @@ def is_scene(path: Path) -> bool:
         beginning = file.read(BEGINNING)
     match path.suffix.lower():
         case ".ply":
-            header = beginning.partition(b"end_header")[0]
+            header = header_in(beginning) or beginning
             return header.startswith(b"ply") and any(name in header for name in (b" f_dc_0", PACKED[0].encode()))
         case ".glb":
             return beginning.startswith(GLB_MAGIC) and EXTENSION.encode() in beginning

@@ -13,6 +13,8 @@ import json
 import math
 import zipfile
 import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -29,10 +31,10 @@ from pocketgs.scene.formats.activations import opacity_from_byte, opacity_to_byt
 from pocketgs.scene.formats.checks import read_contents, require_room, require_sound
 from pocketgs.scene.formats.codebook_weights import codebook_weights
 from pocketgs.scene.formats.codebooks import nearest, scalar_codebook, vector_codebook
+from pocketgs.scene.formats.sog_archive import META, entry_named, members_of
 from pocketgs.scene.gaussians import SH_COEFFICIENTS, Gaussians
 from pocketgs.scene.morton import morton_order
 
-META = "meta.json"
 IMAGES = ("WEBP", "PNG")
 """Image formats that may be decoded, by Pillow's names; files from elsewhere must not choose its other decoders."""
 
@@ -103,9 +105,9 @@ def write_gaussians(path: Path, gaussians: Gaussians) -> None:
             "files": ["shN_centroids.webp", "shN_labels.webp"],
         }
     with replacing(path) as partial, zipfile.ZipFile(partial, "w") as archive:
-        archive.writestr(META, json.dumps(meta))
+        archive.writestr(entry_named(META), json.dumps(meta))
         for name, pixels in images.items():
-            archive.writestr(name, _webp(pixels))
+            archive.writestr(entry_named(name), _webp(pixels))
 
 
 def _picture(rows: np.ndarray) -> np.ndarray:
@@ -130,11 +132,30 @@ def read_gaussians(path: Path) -> Gaussians:
     Raises:
         PocketGSError: the file is missing, broken, of another version, or exceeds the memory bound.
     """
+    # Numbers beyond float32 become infinite, and are refused.
+    with _opened(path) as archive, np.errstate(over="ignore", invalid="ignore"):
+        gaussians = archive.scene()
+    antialiased.warn_if(archive.is_antialiased, path)
+    return gaussians
+
+
+def is_antialiased(path: Path) -> bool:
+    """Whether a file is marked as a scene that was trained with anti-aliasing.
+
+    Raises:
+        PocketGSError: as `read_gaussians`, but for the scene.
+    """
+    with _opened(path) as archive:
+        return archive.is_antialiased
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[_Archive]:
+    """A file while the block runs, in which the errors of archives become ours."""
     contents = read_contents(path)
     try:
-        # Numbers beyond float32 become infinite, and are refused.
-        with zipfile.ZipFile(io.BytesIO(contents)) as archive, np.errstate(over="ignore", invalid="ignore"):
-            return _Archive(path, archive).scene()
+        with zipfile.ZipFile(io.BytesIO(contents)) as archive:
+            yield _Archive(path, archive)
     except (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, OSError, EOFError, ValueError) as error:
         raise PocketGSError(f"{path}: not a readable .sog ({str(error)[:MAX_TOLD]})") from error
 
@@ -145,7 +166,7 @@ class _Archive:
     def __init__(self, path: Path, archive: zipfile.ZipFile) -> None:
         self._path = path
         self._archive = archive
-        self._members = {without_here(info.filename): info for info in archive.infolist()}
+        self._members = members_of(archive)
         try:
             meta = json.loads(self._member(META, JSON_BYTES))
         except (UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
@@ -185,10 +206,13 @@ class _Archive:
             sh,
         )
         require_sound(self._path, gaussians)
-        # The first is what splat-transform writes, the second what the specification has.
-        marked = self._meta.get("model") == "antialiased" or self._meta.get("antialias") is True
-        antialiased.warn_if(marked, self._path)
         return gaussians
+
+    @property
+    def is_antialiased(self) -> bool:
+        """Whether the scene is marked as trained with anti-aliasing."""
+        # The first is what splat-transform writes, the second what the specification has.
+        return self._meta.get("model") == "antialiased" or self._meta.get("antialias") is True
 
     def _degree(self) -> int:
         if "shN" not in self._meta:

@@ -26,6 +26,8 @@ from pocketgs.scene.formats.checks import (
     warn_of_degree_4,
 )
 from pocketgs.scene.formats.coarseness import is_coarse, warn_if_coarse
+from pocketgs.scene.formats.gzip_members import MAGIC as GZIP_MAGIC
+from pocketgs.scene.formats.gzip_members import WINDOW, GzipMembers
 from pocketgs.scene.formats.spz_arrangement import rearranged
 from pocketgs.scene.formats.spz_attributes import MAX_FIXED, Layout, fractional_bits_for, pack, unpack
 from pocketgs.scene.formats.spz_precision import FINE, Precision
@@ -40,7 +42,7 @@ else:
 Version: TypeAlias = Literal[3, 4]
 CURRENT: Version = 4
 
-MAGIC, GZIP_MAGIC = b"NGSP", b"\x1f\x8b"
+MAGIC = b"NGSP"
 HEADER = struct.Struct("<4sIIBBBB")
 """Magic, version, count, SH degree, fractional bits, flags, and in version 4 the number of streams."""
 
@@ -68,7 +70,6 @@ AXES = {0: RIGHT_UP_BACK, 1: LEFT_DOWN_BACK, 4: RIGHT_UP_BACK, 6: RIGHT_DOWN_FOR
 GZIP_LEVEL = 9
 # Maximum bytes that reading takes per Gaussian and per spherical-harmonics coefficient, as measured.
 READING = (320, 28)
-GZIP_WINDOW = 16 + zlib.MAX_WBITS
 ZSTD_OPTIONS: tuple[dict[int, int], ...] = (
     {zstd.CompressionParameter.compression_level: 19},
     {zstd.CompressionParameter.compression_level: 19, zstd.CompressionParameter.min_match: 5},
@@ -204,20 +205,19 @@ def _layout(path: Path, header: bytes, versions: tuple[int, ...]) -> tuple[Layou
 
 
 def _gzip(layout: Layout, streams: list[bytes]) -> bytes:
-    compressor = zlib.compressobj(GZIP_LEVEL, wbits=GZIP_WINDOW)
+    compressor = zlib.compressobj(GZIP_LEVEL, wbits=WINDOW)
     parts = [compressor.compress(part) for part in (_header(layout, 0), *streams)]
     return b"".join([*parts, compressor.flush()])
 
 
 def _gunzip(path: Path, contents: bytes) -> Stored:
-    """Decompress at most as many bytes as the header states, however far the gzip stream would expand."""
-    decompressor = zlib.decompressobj(GZIP_WINDOW)
+    """Decompress at most as many bytes as the header states, however far the gzip file would expand."""
+    members = GzipMembers(contents)
     try:
-        header = decompressor.decompress(contents, HEADER.size)
+        header = members.take(HEADER.size)
         layout, flags, _ = _layout(path, header, (1, 2, 3))
         needed = sum(layout.sizes)
-        body = decompressor.decompress(decompressor.unconsumed_tail, needed)
-        more = decompressor.decompress(decompressor.unconsumed_tail, 1)
+        body, more = members.take(needed), members.take(1)
     except zlib.error as error:
         raise PocketGSError(f"{path}: not a readable gzip stream ({error})") from error
     if len(body) < needed:

@@ -79,13 +79,13 @@ async function takeHeader(source) {
 function verticesIn(header) {
     const { format, elements, lines } = header;
     if (format !== "binary_little_endian" && format !== "binary_big_endian") {
-        throw new Error(`the .ply's format is ${format}, expected a binary one`);
+        throw new Error(`the .ply's format is ${format}, expected a binary one; convert it first`);
     }
     if (elements.some(([, name]) => name === "chunk")) {
         throw new Error("the .ply is a compressed one, expected one of the reference 3DGS layout; convert it first");
     }
     if (!beginsWithVertices(header)) {
-        throw new Error(`the .ply begins with element '${elements[0]?.[1]}', expected 'vertex'`);
+        throw new Error(`the .ply begins with element '${elements[0]?.[1]}', expected 'vertex'; convert it first`);
     }
     const pairs = lines.filter((words) => words[0] === "comment" && words.length === 3);
     const comments = new Map(pairs.map(([, ...of]) => of));
