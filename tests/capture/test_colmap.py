@@ -79,15 +79,41 @@ def test_absolute_names_are_found_in_the_capture(ring, colmap_files, tmp_path):
     assert "10 of 10 were found by their names" in capture.warnings[0]
 
 
-def test_absolute_names_are_found_beside_the_model(ring, colmap_files, tmp_path):
+@pytest.mark.parametrize("root", ["/data/me/photos/", "C:\\me\\photos\\", "C:\\me\\images\\"])
+def test_absolute_names_are_found_beside_the_model(ring, colmap_files, tmp_path, root):
     """The originals have the same names, so names alone would leave a tie."""
     colmap_files.write(tmp_path / "dense/sparse", "text")
-    renamed = colmap_files.text["images"].replace("view_", "/data/me/photos/view_")
+    renamed = colmap_files.text["images"].replace("view_", f"{root}view_")
     (tmp_path / "dense/sparse/images.txt").write_text(renamed)
     for folder in ("images", "dense/images"):
         ring.write_images(tmp_path / folder)
         Image.new("RGB", (16, 12)).save(tmp_path / folder / "view_99.png")  # has no pose
     assert [frame.name for frame in read_listing(tmp_path).frames] == [f"dense/images/{name}" for name in ring.names]
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig"])
+def test_names_that_begin_with_a_number_and_a_space(ring, colmap_files, tmp_path, encoding):
+    ring.write_images(tmp_path / "images")
+    for path in [*(tmp_path / "images").iterdir()]:
+        path.rename(path.with_name(f"2024 {path.name}"))
+    colmap_files.write(tmp_path / "sparse/0", "text")
+    lines = [line.replace("view_", "2024 view_") for line in colmap_files.text["images"].splitlines()]
+    for text in ("\n".join(lines), "\n".join(line for line in lines if line.endswith(".png"))):
+        (tmp_path / "sparse/0/images.txt").write_text(text, encoding=encoding)
+        assert len(read_listing(tmp_path).frames) == 10
+
+
+def test_text_takes_little_more_memory_than_its_numbers(tmp_path):
+    path, count = tmp_path / "points3D.txt", 40_000
+    path.write_text("".join(f"{number} {number}.5 1.25 2.5 12 34 56 0.5 1 2 3 4\n" for number in range(count)))
+    size = path.stat().st_size
+    tracemalloc.start()
+    cloud = colmap_text.read_points(path)
+    assert len(cloud) == count
+    assert tracemalloc.get_traced_memory()[1] < size + 120 * count
+    tracemalloc.stop()
+    with memory_bound(5), pytest.raises(PocketGSError, match=r"points3D\.txt: its .* bytes of text would take 7 MB"):
+        colmap_text.read_points(path)
 
 
 def test_images_without_lines_of_points(ring, colmap_files, tmp_path):

@@ -22,7 +22,7 @@ def write_model(folder, colmap_files, count=10, cameras=None):
 
 
 @pytest.mark.parametrize("undistorted", ["dense", "dense/0"])
-@pytest.mark.parametrize("root", ["", "/data/me/photos/"])
+@pytest.mark.parametrize("root", ["", "/data/me/photos/", "C:\\me\\photos\\"])
 def test_undistorted_images_are_not_undistorted_again(ring, colmap_files, tmp_path, undistorted, root):
     """COLMAP's automatic reconstructor leaves the originals where they are, and its first model is of these."""
     write_model(tmp_path / "sparse/0", colmap_files, cameras=RADIAL)

@@ -7,12 +7,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import ExifTags, Image
 
 from capture.photographs import PICTURE, RAMP, on_its_side
 from pocketgs.capture import open_capture
 from pocketgs.capture.decoding.depth_file import read_depth
-from pocketgs.capture.decoding.image_file import read_colour, read_grey, read_header
+from pocketgs.capture.decoding.image_file import read_colour, read_grey, read_header, read_size
 from pocketgs.capture.open import list_capture
 from pocketgs.capture.unposed import find_photographs
 from pocketgs.errors import PocketGSError
@@ -77,6 +77,36 @@ def test_stored_pixels_are_turned_only_for_cameras_of_the_turned_shape(ring, wri
     assert (frame.camera.cx, frame.camera.width) == (6.5, 12)
     stored = open_capture(write_transforms())  # states the size of the stored pixels
     assert stored.train[0].image.shape == (12, 16, 3)
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_tiff_is_turned_only_where_others_are(tmp_path: Path, orientation: int) -> None:
+    """Pillow turns it by itself, unlike other formats."""
+    exif = Image.Exif()
+    exif[ExifTags.Base.Orientation] = orientation
+    for name in ("a.tif", "a.png"):
+        Image.fromarray(PICTURE).save(tmp_path / name, exif=exif)
+    headers = [read_header(tmp_path / name) for name in ("a.tif", "a.png")]
+    assert [(header.width, header.height, header.orientation) for header in headers] == [(64, 48, orientation)] * 2
+    assert read_size(tmp_path / "a.tif") == (64, 48)
+    np.testing.assert_array_equal(read_colour(tmp_path / "a.tif")[0], PICTURE)
+    upright = [read_colour(tmp_path / name, upright=True)[0] for name in ("a.tif", "a.png")]
+    np.testing.assert_array_equal(*upright)
+    Image.fromarray(RAMP.astype(np.uint16) * 257).save(tmp_path / "depth.tif", exif=exif)
+    np.testing.assert_array_equal(read_depth(tmp_path / "depth.tif", 1 / 257).round(), RAMP)
+
+
+@pytest.mark.parametrize(
+    "names", ["R G B A", "Combined.R Combined.G Combined.B Combined.A Depth.Z", "A V", "Z Y", "a.A a.V"]
+)
+def test_the_channel_of_openexr_that_is_depth(tmp_path: Path, names: str) -> None:
+    openexr = pytest.importorskip("OpenEXR")
+    depth = np.linspace(1, 4, 48, dtype=np.float32).reshape(6, 8)
+    stated = {name: np.ones_like(depth) if name[-1] in "A" or "Combined" in name else depth for name in names.split()}
+    stated |= {"Y": np.zeros_like(depth)} if "Y" in stated else {}
+    header = {"compression": openexr.ZIP_COMPRESSION, "type": openexr.scanlineimage}
+    openexr.File(header, stated).write(str(tmp_path / "a.exr"))
+    np.testing.assert_array_equal(read_depth(tmp_path / "a.exr", 1.0), depth)
 
 
 @pytest.mark.parametrize("channel", ["Z", "R", "Y"])

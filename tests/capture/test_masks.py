@@ -259,6 +259,22 @@ def test_numbers_decide_only_where_all_agree(tmp_path):
     assert match_masks(names, tmp_path / "masks") == {}
 
 
+@pytest.mark.parametrize("colour", [(255, 0, 0), (0, 0, 255), (0, 255, 255)])
+@pytest.mark.parametrize("mode", ["RGB", "RGBA", "CMYK"])
+def test_colours_count_by_their_brightest_channel(tmp_path, colour, mode):
+    mask = np.full((12, 16, 3), 100, np.uint8)
+    mask[:, 4:] = colour
+    path = tmp_path / ("a.tif" if mode == "CMYK" else "a.png")
+    Image.fromarray(mask).convert(mode).save(path)
+    np.testing.assert_array_equal(read_mask(path), MASK > 0)
+
+
+def test_masks_of_eight_bits_written_as_sixteen(tmp_path):
+    for scale, count in ((1, 192 - 48), (257, 192 - 48), (0, 0)):
+        save(tmp_path / "a.png", MASK.astype(np.uint16) * scale)
+        assert read_mask(tmp_path / "a.png").sum() == count
+
+
 def test_kinds_of_masks(tmp_path):
     """Every way of storing the same mask reads alike."""
     soft = np.where(MASK > 0, 200, 90).astype(np.uint8)

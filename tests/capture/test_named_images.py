@@ -115,6 +115,29 @@ def test_missing_ones_are_not_sought_where_others_are_found(write_transforms):
     assert "1 of 10 listed frames have no image file" in listing.warnings[0]
 
 
+def test_a_missing_photograph_is_not_replaced_by_another_picture(ring, write_transforms):
+    """Of the same stem, where the others were not converted: not even by name alone."""
+    frames = ring.transforms()["frames"]
+    for frame, name in zip(frames, ring.names, strict=True):
+        frame["file_path"] = f"images/{name}".replace("view_00.png", "view_00.jpg")
+    folder = write_transforms(frames=frames)
+    (folder / "images/view_03.png").rename(folder / "images/view_03.jpg")
+    assert len(read_listing(folder).frames) == 9
+    (folder / "images").rename(folder / "other")
+    listing = read_listing(folder)
+    assert [frame.name for frame in listing.frames][:4] == [f"other/view_0{at}.png" for at in (0, 1, 2, 4)]
+
+
+@pytest.mark.parametrize("field", ["mask_path", "depth_file_path"])
+@pytest.mark.parametrize("root", ["", "/home/someone/scan/"])
+def test_masks_and_depth_are_no_photographs(ring, write_transforms, field, root):
+    frames = ring.transforms()["frames"]
+    for frame, name in zip(frames, ring.names, strict=True):
+        frame |= {field: f"{root}images/{name}", "file_path": f"images/{Path(name).stem}.jpg"}
+    with pytest.raises(PocketGSError, match="none of the 10 listed frames has an image file"):
+        read_listing(write_transforms(frames=frames))
+
+
 def test_spellings(ring, write_transforms):
     stated = ["VIEW_00.PNG", unicodedata.normalize("NFC", "café été.png"), "view_02.jpg", "a b.png", "view_04"]
     frames = ring.transforms()["frames"][:5]
@@ -255,7 +278,7 @@ def test_photographs_that_lie_deep(ring, tmp_path):
     # A picture that is found does not hide them.
     (outer / "docs").mkdir()
     shutil.copy(deep / ring.names[5], outer / "docs")
-    with pytest.raises(PocketGSError, match="1 photographs; photographs are in several folders, a/b/c/images"):
+    with pytest.raises(PocketGSError, match="1 photograph; photographs are in several folders, a/b/c/images"):
         source_files(outer)
 
 

@@ -135,9 +135,22 @@ def test_broken_cameras(copied_phone, replaced, message):
     edit_json(camera, **replaced)
     with pytest.raises(PocketGSError, match=message):
         open_capture(folder)
-    camera.write_text("{")
+
+
+def test_damaged_cameras_are_left_out(copied_phone):
+    """Unless most are."""
+    folder = copied_phone("polycam")
+    cameras = sorted((folder / "keyframes/corrected_cameras").iterdir())
+    cameras[2].write_bytes(b"")
+    listing = read_listing(folder)
+    assert len(listing.frames) == 7
+    [warning] = listing.warnings
+    assert "1 of 8 cameras are damaged, the first (" in warning
+    assert f"{cameras[2].name}: not valid JSON" in warning
+    for camera in cameras[4:]:
+        camera.write_text("{")
     with pytest.raises(PocketGSError, match="not valid JSON"):
-        open_capture(folder)
+        read_listing(folder)
 
 
 # 3D Scanner App

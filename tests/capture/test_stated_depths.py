@@ -35,7 +35,7 @@ def test_absent_depth_maps_are_left_out(ring, write_transforms):
     capture = open_capture(write_transforms(frames=frames))
     assert [frame.depth for frame in capture.frames] == [None] * 10
     (warning,) = capture.warnings
-    assert warning.endswith("transforms.json: 3 of its depth maps have no file, the first depth/absent.png")
+    assert warning.endswith("json: 3 of its depth maps have no file where it states, the first depth/absent.png")
 
 
 def test_absent_masks_are_left_out(ring, write_transforms):
@@ -45,7 +45,7 @@ def test_absent_masks_are_left_out(ring, write_transforms):
     capture = open_capture(write_transforms(frames=frames))
     assert [frame.mask for frame in capture.frames] == [None] * 10
     (warning,) = capture.warnings
-    assert warning.endswith("transforms.json: 3 of its masks have no file, the first masks/absent.png")
+    assert warning.endswith("transforms.json: 3 of its masks have no file where it states, the first masks/absent.png")
 
 
 def test_depth_of_another_shape_is_left_out(ring, write_transforms):

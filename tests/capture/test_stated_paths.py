@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -26,8 +27,42 @@ def test_a_split_may_spell_paths_otherwise(ring, write_transforms, spelt):
 
 def test_a_list_of_a_split_that_names_no_frame_is_told(write_transforms):
     (warning,) = read_listing(write_transforms(test_filenames=["a/1.png", "a/2.png"], val_filenames=[])).warnings
-    said = "test_filenames names no frame, and is not used: none of the 2 is a file_path, the first a/1.png"
+    said = "2 of 2 paths in test_filenames are no file_path of a frame: correct them, the first a/1.png"
     assert warning.endswith(f"transforms.json: {said}")
+
+
+@pytest.mark.parametrize("part", ["train_filenames", "val_filenames", "test_filenames"])
+def test_paths_of_a_split_that_are_no_frames_are_counted(ring, write_transforms, part):
+    paths = [f"images/{name}" for name in ring.names]
+    lists = {"train_filenames": paths[:6], "test_filenames": paths[8:]}
+    lists[part] = [*lists.get(part, paths[6:8]), "a/1.png", "a/2.png"]
+    listing = read_listing(write_transforms(**lists))
+    count = len(lists[part])
+    said = f"2 of {count} paths in {part} are no file_path of a frame: correct them, the first a/1.png"
+    assert [warning.partition("json: ")[2] for warning in listing.warnings] == [said]
+
+
+@pytest.mark.parametrize("linked", [False, True])
+def test_absolute_paths_that_are_right(ring, write_transforms, tmp_path_factory, linked):
+    """However deep, and of masks too."""
+    folder = write_transforms()
+    deep = folder / "a/b/c/d/e/f/images"
+    for name, pixels in zip(ring.names, ring.images, strict=True):
+        (deep / "masks").mkdir(parents=True, exist_ok=True)
+        Image.fromarray(pixels).save(deep / name)
+        Image.fromarray(pixels[..., 0]).save(deep / "masks" / name)
+    frames = ring.transforms(str(deep))["frames"]
+    for frame, name in zip(frames, ring.names, strict=True):
+        frame["mask_path"] = f"{deep}/masks/{name}"
+    write_transforms(frames=frames)
+    shutil.rmtree(folder / "images")
+    given = folder
+    if linked:
+        given = tmp_path_factory.mktemp("links") / "link"
+        given.symlink_to(folder)
+    listing = read_listing(given)
+    assert (listing.frames[0].name, listing.warnings) == ("a/b/c/d/e/f/images/view_00.png", ())
+    assert all(frame.mask_path for frame in listing.frames)
 
 
 @pytest.mark.parametrize("separator", ["/", "\\"])

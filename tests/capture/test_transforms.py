@@ -64,6 +64,59 @@ def test_coefficients_are_put_in_opencv_order(write_transforms):
     assert lens.coefficients == (1, 2, 7, 8, 3, 4, 5, 6)
 
 
+@pytest.mark.parametrize("at", ["file", "frames"])
+def test_nerfstudios_list_of_coefficients(ring, write_transforms, at):
+    """It goes before a field each; a frame's own fields go before the file's list."""
+    stated = {"distortion_params": [1, 2, 3, 0, 5, 6], "k1": 9}
+    frames = ring.transforms()["frames"]
+    frames[1] |= {"camera_model": "OPENCV_FISHEYE", "distortion_params": [0.1, 0.2, 0.3, 0.4, 0, 0]}
+    frames[2] |= {"k1": 0.7}
+    if at == "frames":
+        frames[0] |= stated
+    listing = read_listing(write_transforms(frames=frames, **(stated if at == "file" else {})))
+    assert listing.frames[0].lens.coefficients == (1, 2, 5, 6, 3, 0, 0, 0)
+    assert listing.frames[1].lens.coefficients == (0.1, 0.2, 0.3, 0.4)
+    assert listing.frames[2].lens.coefficients[:2] == (0.7, 0)
+
+
+def test_numbers_as_text(write_transforms):
+    """As nerfstudio writes the lenses of RealityCapture."""
+    lens = read_listing(write_transforms(k1="-0.0512", k2=" 3e-2", p1="0.0", k4="0.0")).frames[0].lens
+    assert lens.coefficients[:2] == (-0.0512, 0.03)
+
+
+@pytest.mark.parametrize("stated", [{"k4": 0.02}, {"k4": "0.02"}, {"distortion_params": [0, 0, 0, 0.02, 0, 0]}])
+def test_a_fourth_radial_term_is_refused(write_transforms, stated):
+    with pytest.raises(PocketGSError, match=r"coefficient k4 is 0\.02, a fourth radial term, .* calibrate without it"):
+        read_listing(write_transforms(**stated))
+    if "k4" in stated:
+        lens = read_listing(write_transforms(**stated, camera_model="FULL_OPENCV")).frames[0].lens
+        assert lens.coefficients == (0, 0, 0, 0, 0, 0.02, 0, 0)
+
+
+MATRIX = [[30.0, 0, 7], [0, 31, 5], [0, 0, 1]]
+RIGHT_ANGLE = {"camera_angle_x": math.pi / 2}
+
+
+@pytest.mark.parametrize(
+    ("shared", "own", "expected"),
+    [
+        ({"fl_x": 20, "fl_y": 20, "cx": 8, "cy": 6}, {"K": MATRIX}, (30, 31, 7, 5)),
+        ({"fl_x": 20, "fl_y": 20, "cx": 7}, RIGHT_ANGLE, (8, 8, 7, 6)),
+        ({"camera_angle_x": 0.7, "camera_angle_y": 0.6}, {"K": MATRIX}, (30, 31, 7, 5)),
+        ({"K": (2 * np.array(MATRIX)).tolist()}, {"intrinsics": MATRIX}, (30, 31, 7, 5)),
+        ({"K": MATRIX}, RIGHT_ANGLE, (8, 8, 8, 6)),
+        ({"w": 16, "h": 12, "fl_x": 20}, {"width": 32, "height": 24}, (20, 20, 16, 12)),
+        ({"camera_angle_x": 0.7, "fl_y": 21, "cx": 7}, {"fl_x": 25, "K": MATRIX}, (25, 21, 7, 6)),
+    ],
+)
+def test_what_a_frame_states_otherwise_goes_before_the_files(ring, write_transforms, shared, own, expected):
+    nothing = dict.fromkeys(("fl_x", "fl_y", "cx", "cy", "w", "h"))
+    frames = [frame | own for frame in ring.transforms()["frames"]]
+    camera = read_listing(write_transforms(**nothing | shared, frames=frames)).frames[0].camera
+    assert (camera.fx, camera.fy, camera.cx, camera.cy) == pytest.approx(expected)
+
+
 def test_absent_images_are_counted_in_one_warning(write_transforms):
     folder = write_transforms()
     for name in ("view_02.png", "view_05.png"):
@@ -94,9 +147,21 @@ def test_own_split(ring, write_transforms):
     write_transforms(train_filenames=paths[:6], val_filenames=paths[6:8])
     assert [frame.name for frame in open_capture(folder).held_out] == paths[6:8]
     assert len(open_capture(folder, hold_out=0).train) == 8
-    write_transforms(train_filenames=paths, test_filenames=paths[8:])
-    with pytest.raises(PocketGSError, match=r"both for training and held out"):
-        open_capture(folder)
+    write_transforms(train_filenames=paths[:6])
+    alone = open_capture(folder)
+    assert (len(alone.train), len(alone.held_out), alone.warnings) == (5, 1, ())
+    assert alone.protocol.endswith("every 8th by name")
+
+
+@pytest.mark.parametrize("part", ["val_filenames", "test_filenames"])
+def test_frames_both_for_training_and_held_out(ring, write_transforms, part):
+    paths = [frame["file_path"] for frame in ring.transforms()["frames"]]
+    folder = write_transforms(train_filenames=paths, **{part: paths[8:]})
+    capture = open_capture(folder)
+    assert ([frame.name for frame in capture.held_out], len(capture.train)) == (paths[8:], 8)
+    said = "2 of 10 images for training are held out too, the first images/view_08.png: they are not trained on; --"
+    assert said in capture.warnings[0]
+    assert len(open_capture(folder, hold_out=0).train) == 10
 
 
 def write_cloud(ring, path: Path) -> None:
@@ -148,6 +213,17 @@ def test_blender_scene(ring, tmp_path):
         open_capture(tmp_path, images="train")
 
 
+def test_a_blender_scene_whose_test_images_are_trained_on_too(ring, tmp_path):
+    blender_scene(ring, tmp_path)
+    train, test = (json.loads((tmp_path / f"transforms_{part}.json").read_text()) for part in ("train", "test"))
+    test["frames"] += train["frames"][:2]
+    (tmp_path / "transforms_test.json").write_text(json.dumps(test))
+    capture = open_capture(tmp_path)
+    assert (len(capture.train), len(capture.held_out)) == (5, 5)
+    assert "2 of 7 images for training are held out too, the first train/r_0.png" in capture.warnings[0]
+    assert len(open_capture(tmp_path, hold_out=0).train) == 10
+
+
 def test_blender_without_test_split(ring, tmp_path):
     blender_scene(ring, tmp_path)
     (tmp_path / "transforms_test.json").unlink()
@@ -170,7 +246,7 @@ def test_blender_without_test_images(ring, tmp_path):
         ("frames", {"0": {}}, "expected a list of objects"),
         ("frames", [1], "expected a list of objects"),
         ("frames", None, "expected a list of objects"),
-        ("fl_x", "20", "fl_x"),
+        ("fl_x", "20 px", "fl_x"),
         ("fl_x", -1.0, "focal lengths"),
         ("fl_x", 10**400, "fl_x"),
         ("w", -16, "image size"),
@@ -222,6 +298,24 @@ def test_wrong_frames_are_named(ring, write_transforms, field, value, said):
     frames[1][field] = value
     with pytest.raises(PocketGSError, match=said):
         open_capture(write_transforms(frames=frames))
+
+
+def test_frames_without_a_pose_are_left_out(ring, write_transforms):
+    """Unless most are without."""
+    frames = ring.transforms()["frames"]
+    frames[1]["transform_matrix"] = None
+    folder = write_transforms(frames=frames)
+    (folder / "images/view_02.png").unlink()
+    listing = read_listing(folder)
+    assert len(listing.frames) == 8
+    assert [warning.partition("json: ")[2] for warning in listing.warnings] == [
+        "1 of 10 listed frames have no image file, the first images/view_02.png",
+        "1 of 10 listed frames have no pose, the first images/view_01.png",
+    ]
+    for frame in frames[3:8]:
+        del frame["transform_matrix"]
+    with pytest.raises(PocketGSError, match=r"frames\[1\]: field 'transform_matrix' is None"):
+        read_listing(write_transforms(frames=frames))
 
 
 @pytest.mark.parametrize("root", ["/home/someone/scan/", "C:\\scans\\my scan\\"])

@@ -53,11 +53,17 @@ def test_colmap_cameras(call: Call, ring: Ring, colmap_files: ColmapFiles, tmp_p
     assert_same(call, tmp_path)
 
 
-def test_images_without_lines_of_points(call: Call, ring: Ring, colmap_files: ColmapFiles, tmp_path: Path) -> None:
+@pytest.mark.parametrize("before", ["", "2024 0"])
+def test_images_without_lines_of_points(
+    call: Call, ring: Ring, colmap_files: ColmapFiles, tmp_path: Path, before: str
+) -> None:
     ring.write_images(tmp_path / "images")
+    for path in [*(tmp_path / "images").iterdir()]:
+        path.rename(path.with_name(f"{before}{path.name}"))
     colmap_files.write(tmp_path / "sparse/0", "text")
     lines = [line for line in colmap_files.text["images"].splitlines() if line.endswith(".png")]
-    (tmp_path / "sparse/0/images.txt").write_text("\n".join(lines), encoding="utf-8-sig")
+    text = "\n".join(lines).replace("view_", f"{before}view_")
+    (tmp_path / "sparse/0/images.txt").write_text(text, encoding="utf-8-sig")
     assert_same(call, tmp_path)
 
 
@@ -103,15 +109,16 @@ def test_colmap_images_elsewhere(
     assert_same_warnings(call, tmp_path)
 
 
+@pytest.mark.parametrize("root", ["/home/me/", "C:\\me\\images\\"])
 @pytest.mark.parametrize("place", ["", "dense/"])
-def test_absolute_names_of_colmap_images(call: Call, ring: Ring, tmp_path: Path, place: str) -> None:
+def test_absolute_names_of_colmap_images(call: Call, ring: Ring, tmp_path: Path, place: str, root: str) -> None:
     """Those of the folder beside the model come first."""
     ring.write_images(tmp_path / "images")
     ring.write_images(tmp_path / place / "images")
     model = tmp_path / place / "sparse"
     model.mkdir(parents=True)
     (model / "cameras.txt").write_text("1 SIMPLE_PINHOLE 16 12 20 8 6\n")
-    lines = (f"{number} 1 0 0 0 0 0 {number} 1 /home/me/{name}\n\n" for number, name in enumerate(ring.names))
+    lines = (f"{number} 1 0 0 0 0 0 {number} 1 {root}{name}\n\n" for number, name in enumerate(ring.names))
     (model / "images.txt").write_text("".join(lines))
     assert_same(call, tmp_path)
     assert read(call, tmp_path)["frames"][0]["name"] == f"{place}images/{ring.names[0]}"

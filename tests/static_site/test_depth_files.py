@@ -6,7 +6,7 @@ import base64
 import io
 import struct
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -98,9 +98,9 @@ def test_what_is_not_reliable_is_unknown(call: Call, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("packing", ["NO_COMPRESSION", "ZIPS_COMPRESSION", "ZIP_COMPRESSION"])
-@pytest.mark.parametrize("names", ["Z", "R", "BZ"])
+@pytest.mark.parametrize("names", ["Z", "R", "BZ", "AR", ("C.A", "C.R", "D.Z")])
 @pytest.mark.parametrize("dtype", [np.float16, np.float32])
-def test_exr(call: Call, tmp_path: Path, packing: str, names: str, dtype: type) -> None:
+def test_exr(call: Call, tmp_path: Path, packing: str, names: Sequence[str], dtype: type) -> None:
     path = tmp_path / "depth.exr"
     random = np.random.default_rng(0)
     channels = {name: random.uniform(-1, 5, (35, 21)).astype(dtype) for name in names}

@@ -175,6 +175,7 @@ MASKS: dict[str, Image.Image] = {
     "ones": Image.fromarray(spots(60, 80).astype(np.uint8)),
     "one bit": Image.fromarray(spots(60, 80)),
     "palette": PALETTE,
+    "colour": Image.fromarray(np.where(smooth(60, 80) > 160, 255, 60).astype(np.uint8)),
     "cut out": Image.fromarray(CUT_OUT),
     "smaller": Image.fromarray(smooth(15, 20, 1)[..., 0]),
 }

@@ -65,6 +65,17 @@ def test_lenses_splits_and_absent_images(call: Call, capture_folder: Path) -> No
     assert_same(call, changed(capture_folder, change))
 
 
+def test_frames_without_a_pose(call: Call, capture_folder: Path) -> None:
+    def change(document: dict[str, Any]) -> None:
+        document["frames"][1]["transform_matrix"] = None
+        del document["frames"][2]["transform_matrix"]
+        document["frames"][4]["file_path"] = "images/absent.png"
+
+    assert_same_warnings(call, changed(capture_folder, change))
+    changed(capture_folder, lambda document: [frame.pop("transform_matrix", 0) for frame in document["frames"][4:6]])
+    assert_same_refusal(call, capture_folder, r"frames\[1\].*field 'transform_matrix' is (None|null)")
+
+
 @pytest.mark.parametrize("accent", ["\u00e9", "e\u0301"])
 def test_splits_of_other_systems(call: Call, capture_folder: Path, accent: str) -> None:
     """Separators, case and the encoding of accents may differ, as long as one means the same file."""
@@ -84,6 +95,19 @@ def test_splits_of_other_systems(call: Call, capture_folder: Path, accent: str) 
     assert len(read(call, capture_folder)["heldOut"]) == 2
 
 
+@pytest.mark.parametrize("lists", [{"train": 5}, {"train": 8, "test": 3}, {"train": 4, "val": -2, "test": -1}])
+@pytest.mark.parametrize("unknown", [(), ("gone/0.png", "gone/1.png")])
+def test_lists_of_splits(call: Call, capture_folder: Path, lists: dict[str, int], unknown: tuple[str, ...]) -> None:
+    """The first frames or the last, be they trained on too, and paths of none."""
+
+    def change(document: dict[str, Any]) -> None:
+        paths = [frame["file_path"] for frame in document["frames"]]
+        for name, count in lists.items():
+            document[f"{name}_filenames"] = [*unknown, *(paths[:count] if count > 0 else paths[count:])]
+
+    assert_same_warnings(call, changed(capture_folder, change))
+
+
 @pytest.mark.parametrize("name", ["train_filenames", "val_filenames", "test_filenames"])
 def test_splits_that_name_no_frame(call: Call, capture_folder: Path, name: str) -> None:
     def change(document: dict[str, Any]) -> None:
@@ -91,7 +115,7 @@ def test_splits_that_name_no_frame(call: Call, capture_folder: Path, name: str) 
         document |= {name: ["gone/0.png", "gone/1.png"], "val_filenames": []} if "val" not in name else {name: ["gone"]}
 
     assert_same_warnings(call, changed(capture_folder, change))
-    assert f"{name} names no frame, and is not used" in read(call, capture_folder)["warnings"][0]
+    assert f"paths in {name} are no file_path of a frame: correct them" in read(call, capture_folder)["warnings"][0]
 
 
 def restated(folder: Path, field: str, path_by: Callable[[str], str]) -> Path:
@@ -181,6 +205,20 @@ def test_converted_images_of_another_machine(call: Call, capture_folder: Path) -
     assert len(read(call, capture_folder)["frames"]) == 6
 
 
+@pytest.mark.parametrize("place", ["images", "/home/me/gone"])
+def test_other_pictures_of_the_same_stem(call: Call, capture_folder: Path, place: str) -> None:
+    """They are no photographs where the others were not converted, nor are masks."""
+    first, second, *_ = sorted((capture_folder / "images").iterdir())
+    first.rename(first.with_suffix(".jpeg"))
+    restated(capture_folder, "file_path", lambda path: f"{place}/{Path(path).name}".replace(second.name, "gone.png"))
+    assert_same(call, capture_folder)
+    assert len(read(call, capture_folder)["frames"]) == 6
+    restated(capture_folder, "file_path", lambda path: path.replace(".png", ".jfif"))
+    restated(capture_folder, "mask_path", lambda path: f"/scan/images/{Path(path).stem}.png")
+    assert_same(call, capture_folder)
+    assert [frame["name"] for frame in read(call, capture_folder)["frames"]] == [f"images/{first.stem}.jpeg"]
+
+
 @pytest.mark.parametrize(
     "stated", ["/home/me/masks/{name}", "C:\\scan\\masks\\{name}", "/images/{name}", "gone/{name}"]
 )
@@ -228,6 +266,19 @@ def test_fields_of_view_and_no_cloud(call: Call, capture_folder: Path) -> None:
         for name in ("fl_x", "fl_y", "cx", "cy", "w", "h", "ply_file_path"):
             del document[name]
         document["camera_angle_x"] = 0.9
+
+    assert_same(call, changed(capture_folder, change))
+
+
+@pytest.mark.parametrize(
+    "own", [{"camera_angle_x": 0.9}, {"K": [[90, 0, 47], [0, 91, 35], [0, 0, 1]]}, {"width": 48, "height": 36}]
+)
+def test_what_frames_state_otherwise(call: Call, capture_folder: Path, own: dict[str, Any]) -> None:
+    def change(document: dict[str, Any]) -> None:
+        document["distortion_params"] = [0.1, 0.2, 0.3, 0, 0.5, 0.6]
+        for frame in document["frames"][1:]:
+            frame |= own | {"k1": "-0.01"}
+        document["frames"][2] |= {"is_fisheye": True, "distortion_params": [0.1, 0.2, 0.3, 0.4, 0, 0]}
 
     assert_same(call, changed(capture_folder, change))
 
@@ -340,6 +391,7 @@ def test_blender(call: Call, ring: Ring, tmp_path: Path, splits: tuple[str, ...]
     [
         (lambda d: d.pop("frames"), "field 'frames' is nothing, expected a list of objects"),
         (lambda d: d.update(fl_x="wide"), "field 'fl_x' is .*, expected a finite number"),
+        (lambda d: d.update(k4="0.02"), "coefficient k4 is 0.02, a fourth radial term"),
         (lambda d: d.update(camera_model="ORTHO"), "camera_model' is ORTHO, expected one of"),
         (lambda d: (d.pop("fl_x"), d.pop("fl_y")), "no focal length"),
         (lambda d: d["frames"][1].update(transform_matrix=[[1, 2], [3, 4]]), r"frames\[1\].*expected a matrix"),

@@ -16,7 +16,7 @@ from pocketgs.capture import Capture
 from pocketgs.capture.decoding.video_file import read_frames, sharpness_of_frames
 from pocketgs.capture.open import read_listing
 from pocketgs.capture.sharpness import sharpest_in_windows
-from static_site.reading import READ, assert_same, read
+from static_site.reading import READ, assert_same, assert_same_refusal, read
 from static_site.videos import without_first, write_h264, write_hevc
 
 Call = Callable[..., Any]
@@ -122,6 +122,17 @@ def test_polycam_without_corrections_and_without_an_image(call: Call, small_capt
     write_polycam(small_capture, tmp_path, kind="")
     next(iter((tmp_path / "keyframes" / "images").iterdir())).unlink()
     assert_same(call, tmp_path)
+
+
+def test_polycam_with_damaged_cameras(call: Call, copied_phone: Callable[[str], Path]) -> None:
+    folder = copied_phone("polycam")
+    cameras = sorted((folder / "keyframes" / "corrected_cameras").iterdir())
+    cameras[2].write_bytes(b"")
+    assert_same(call, folder)
+    assert "1 of 8 cameras are damaged, the first (" in read(call, folder)["warnings"][0]
+    for camera in cameras[4:]:
+        camera.write_bytes(b"{")
+    assert_same_refusal(call, folder, r"\.json: not .*JSON")
 
 
 def test_record3d_with_intrinsics_of_each_frame(call: Call, copied_phone: Callable[[str], Path]) -> None:

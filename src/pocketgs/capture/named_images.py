@@ -52,7 +52,7 @@ def find_images(
     """
     refusal: PocketGSError | None = None
     try:
-        files = find_stated(folder, named, where, suffixes)
+        files = find_stated(folder, [_relative(name, folder) or name for name in named], where, suffixes)
     except PocketGSError as error:
         files, refusal = [], error
     if any(files):
@@ -88,8 +88,8 @@ def _stated_from_around(
 def find_stated(folder: Path, named: Sequence[str], where: str, suffixes: tuple[str, ...] = ("",)) -> list[Path | None]:
     """The files that `find_images` finds in the stated folders.
 
-    Case, the separator of folders, the encoding of accents, and the suffix (if no other file has the same stem) may
-    differ.
+    Case, the separator of folders, and the encoding of accents may differ. So may the suffix, if no other file has the
+    same stem, and no image of that folder exists under the suffix: whoever converts images converts them all.
 
     Raises:
         PocketGSError: a path is not usable, or leaves the folder.
@@ -99,14 +99,21 @@ def find_stated(folder: Path, named: Sequence[str], where: str, suffixes: tuple[
     for name in named:
         file = existing_file(folder, name, where, suffixes)
         if file is None:
-            beside = inside(folder, with_slashes(name), where).parent
-            file = _spelt_otherwise(spelt_in(beside), name, suffixes)
+            present = spelt_in(inside(folder, with_slashes(name), where).parent)
+            file = _only(_of_the_name(present, name, suffixes))
         files.append(file)
+    if all(files):
+        return files
+    taken, unconverted = set(files), _kinds(named, files)
+    for index, name in enumerate(named):
+        if files[index] is None and _kind(name) not in unconverted:
+            present = spelt_in(inside(folder, with_slashes(name), where).parent)
+            files[index] = _only([file for file in _of_the_stem(present, name) if file not in taken])
     return files
 
 
 def find_moved(folder: Path, stated: str, where: str, photograph: Path | None = None) -> Path | None:
-    """The file that a capture names: for an absolute path, by the longest end of it that exists.
+    """The file that a capture names: for an absolute path outside it, by the longest end of it that exists.
 
     Absolute paths are of the machine that wrote them.
 
@@ -128,17 +135,44 @@ def find_moved(folder: Path, stated: str, where: str, photograph: Path | None = 
             return next(filter(None, files), None)
         return None
     parts = path.parts[1:][-DEEPEST - 1 :]
-    ends = ("/".join(parts[start:]) for start in range(len(parts)))
-    files = (existing_file(place, end, where) for end in ends for place in folders_around(folder))
+    relative, places = _relative(stated, folder), folders_around(folder)
+    ends = [*([relative] if relative else []), *("/".join(parts[start:]) for start in range(len(parts)))]
+    files = (existing_file(place, end, where) for end in ends for place in places)
     return next((file for file in files if file and not (photograph and file.samefile(photograph))), None)
 
 
-def _spelt_otherwise(present: dict[str, list[Path]], stated: str, suffixes: tuple[str, ...]) -> Path | None:
-    """The only file of a folder whose name differs just in spelling, or else in its suffix."""
+def _relative(stated: str, folder: Path) -> str | None:
+    """A stated path from the folder, if it is an absolute one of this machine that leads into it."""
+    if not os.path.isabs(stated):
+        return None
+    roots = (f"{root}{os.sep}" for root in (os.path.abspath(folder), os.path.realpath(folder)))
+    return next((stated.removeprefix(root) for root in roots if stated.startswith(root)), None)
+
+
+def _of_the_name(present: dict[str, list[Path]], stated: str, suffixes: tuple[str, ...]) -> list[Path]:
+    """The files whose names differ just in spelling."""
     name = spelling(_last_part(stated))
-    same = [file for suffix in suffixes for file in present.get(name + suffix, ())]
-    same = same or present.get(os.path.splitext(name)[0] + ANY_SUFFIX, [])
-    return same[0] if len(same) == 1 else None
+    return [file for suffix in suffixes for file in present.get(name + spelling(suffix), ())]
+
+
+def _of_the_stem(present: dict[str, list[Path]], stated: str) -> list[Path]:
+    """The files whose names differ just in spelling and suffix."""
+    return present.get(os.path.splitext(spelling(_last_part(stated)))[0] + ANY_SUFFIX, [])
+
+
+def _only(files: Sequence[Path]) -> Path | None:
+    return files[0] if len(files) == 1 else None
+
+
+def _kinds(named: Sequence[str], found: Sequence[object]) -> set[tuple[str, str]]:
+    """The kinds of images some of which exist under their names, and so were not converted."""
+    return {_kind(name) for name, file in zip(named, found, strict=True) if file}
+
+
+def _kind(stated: str) -> tuple[str, str]:
+    """The folder and the suffix of a stated path."""
+    path = PureWindowsPath(spelling(stated))
+    return str(path.parent), path.suffix
 
 
 def _spelt_in(folder: Path) -> dict[str, list[Path]]:
@@ -158,15 +192,18 @@ def _by_spelling(files: Sequence[Path]) -> dict[str, list[Path]]:
 def _by_name_alone(present: Sequence[Path], named: Sequence[str], suffixes: tuple[str, ...]) -> list[Path | None]:
     """For each image, the file of its name whose folders match the stated ones best; None on a tie."""
     by_name = _by_spelling(present)
+    own = [_of_the_name(by_name, name, suffixes) for name in named]
+    unconverted = _kinds(named, own)
+    candidates = (
+        files if files or _kind(name) in unconverted else _of_the_stem(by_name, name)
+        for name, files in zip(named, own, strict=True)
+    )
+    return [_best(files, name) for name, files in zip(named, candidates, strict=True)]
 
-    def best(name: str) -> Path | None:
-        last = spelling(_last_part(name))
-        files = [file for suffix in suffixes for file in by_name.get(last + spelling(suffix), ())]
-        files = files or by_name.get(os.path.splitext(last)[0] + ANY_SUFFIX, [])
-        ranks = sorted((_rank(file, name), file) for file in files)
-        return None if not ranks or (len(ranks) > 1 and ranks[0][0] == ranks[1][0]) else ranks[0][1]
 
-    return [best(name) for name in named]
+def _best(files: Sequence[Path], stated: str) -> Path | None:
+    ranks = sorted((_rank(file, stated), file) for file in files)
+    return None if not ranks or (len(ranks) > 1 and ranks[0][0] == ranks[1][0]) else ranks[0][1]
 
 
 def _rank(file: Path, stated: str) -> tuple[int, bool]:

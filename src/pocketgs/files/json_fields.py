@@ -14,6 +14,10 @@ from pocketgs.files.memory_bound import JSON_BYTES, require_memory
 from pocketgs.files.opening import read_bytes
 
 
+class DamagedJsonError(PocketGSError):
+    """A file is no JSON, such as an empty one whose transfer was interrupted."""
+
+
 @dataclass(frozen=True)
 class Fields:
     """One JSON object.
@@ -27,11 +31,12 @@ class Fields:
     where: str
 
     def number(self, name: str) -> float:
-        """A finite number. Raises PocketGSError if it is absent or of another type."""
+        """A finite number, or text that holds one. Raises PocketGSError if it is absent or of another type."""
         value = self._required(name, "a number")
-        if not _is_number(value):
+        number = _number_in(value)
+        if not _is_number(number):
             raise self._wrong(name, value, "a finite number")
-        return float(value)
+        return float(number)
 
     def optional_number(self, name: str) -> float | None:
         """A finite number, or None if the field is absent or null."""
@@ -105,7 +110,8 @@ def read_json(path: Path) -> Fields:
     """Read a JSON file that holds an object.
 
     Raises:
-        PocketGSError: the file cannot be read, is not UTF-8 or not JSON, or does not hold an object.
+        DamagedJsonError: the file is not UTF-8 or not JSON.
+        PocketGSError: it cannot be read, or does not hold an object.
     """
     try:
         content = read_bytes(path)
@@ -122,16 +128,25 @@ def parse_json(content: bytes, where: str) -> Fields:
         where: the file, for error messages.
 
     Raises:
-        PocketGSError: the content is not UTF-8 or not JSON, or is not an object.
+        DamagedJsonError: the content is not UTF-8 or not JSON.
+        PocketGSError: it is not an object, or would take too much memory.
     """
     require_memory(where, JSON_BYTES * len(content), f"JSON of {len(content):,} bytes")
     try:
         value = json.loads(content.decode("utf-8-sig"))
     except (ValueError, RecursionError) as error:
-        raise PocketGSError(f"{where}: not valid JSON in UTF-8 ({clipped(error)})") from error
+        raise DamagedJsonError(f"{where}: not valid JSON in UTF-8 ({clipped(error)})") from error
     if not isinstance(value, dict):
         raise PocketGSError(f"{where}: holds a JSON {type(value).__name__}, expected an object")
     return Fields(value, where)
+
+
+def _number_in(value: Any) -> Any:
+    """The number that a text holds, as nerfstudio writes RealityCapture's lenses; any other value as it is."""
+    try:
+        return float(value) if isinstance(value, str) else value
+    except ValueError:
+        return value
 
 
 def _is_number(value: Any) -> bool:

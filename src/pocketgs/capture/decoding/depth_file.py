@@ -61,7 +61,7 @@ def read_reliable(path: CaptureFile, shape: tuple[int, int] | None = None) -> np
 
 
 def _only_channel(path: Path) -> np.ndarray:
-    """Read the depth of an OpenEXR file as (H, W) float: channel Z, or else the first channel.
+    """Read the depth of an OpenEXR file as (H, W) float: channel Z, or else the first that is not alpha.
 
     Raises:
         PocketGSError: the file is missing, damaged or far too large.
@@ -78,11 +78,17 @@ def _only_channel(path: Path) -> np.ndarray:
         count, (columns, rows) = len(header["channels"]), last - first + 1
         require_memory(path, 2 * 4 * count * rows * columns, f"{count} channels of {columns}x{rows} pixels")
         channels = openexr.File(str(path), separate_channels=True).channels()
-        return np.array(channels["Z" if "Z" in channels else sorted(channels)[0]].pixels)
+        return np.array(channels[min(channels, key=_likelihood)].pixels)
     except PocketGSError:
         raise
     except Exception as error:  # the library raises several types
         raise PocketGSError(f"{path}: not a readable OpenEXR file ({error})") from error
+
+
+def _likelihood(channel: str) -> tuple[bool, bool, str]:
+    """Sort key of a channel: depth first, alpha last. Its name may begin with its layer's (`ViewLayer.Depth.Z`)."""
+    name = channel.rpartition(".")[2]
+    return name != "Z", name == "A", channel
 
 
 def _decompressed(path: CaptureFile, shape: tuple[int, int], kind: np.dtype) -> np.ndarray:

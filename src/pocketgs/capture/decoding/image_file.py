@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
-from PIL import ExifTags, Image, ImageOps
+from PIL import ExifTags, Image, ImageOps, TiffImagePlugin
 
 from pocketgs.capture.decoding.colour_profile import in_srgb
 from pocketgs.errors import PocketGSError, clipped
@@ -39,6 +40,16 @@ DECODING, DECODING_ALPHA = 24, 40
 OPAQUE = 255
 
 UPRIGHT, QUARTER_TURNS = 1, (5, 6, 7, 8)  # values of EXIF's tag Orientation
+TURNS_BACK = {
+    2: Image.Transpose.FLIP_LEFT_RIGHT,
+    3: Image.Transpose.ROTATE_180,
+    4: Image.Transpose.FLIP_TOP_BOTTOM,
+    5: Image.Transpose.TRANSPOSE,
+    6: Image.Transpose.ROTATE_90,
+    7: Image.Transpose.TRANSVERSE,
+    8: Image.Transpose.ROTATE_270,
+}
+"""What undoes the turn that a value of Orientation asks for."""
 
 
 class UndecodableImageError(PocketGSError):
@@ -84,7 +95,7 @@ def read_size(path: CaptureFile) -> tuple[int, int]:
     Raises:
         PocketGSError: the file is missing or not an image.
     """
-    return _opened(path, lambda image: image.size)
+    return _opened(path, _stored_size)
 
 
 def read_colour(path: CaptureFile, upright: bool = False) -> tuple[np.ndarray, np.ndarray | None]:
@@ -107,7 +118,7 @@ def read_colour(path: CaptureFile, upright: bool = False) -> tuple[np.ndarray, n
 
 
 def read_image(path: CaptureFile, read: Callable[[Image.Image], Result]) -> Result:
-    """Apply a function to an image that Pillow has opened, after checking the memory bound.
+    """Apply a function to an image that Pillow has opened, its pixels as stored, after checking the memory bound.
 
     Raises:
         PocketGSError: as `read_colour`, or the function failed; the message names the file.
@@ -116,7 +127,7 @@ def read_image(path: CaptureFile, read: Callable[[Image.Image], Result]) -> Resu
     def bounded(image: Image.Image) -> Result:
         pixel_bytes = DECODING_ALPHA if _has_alpha(image) else DECODING
         require_memory(path, pixel_bytes * image.width * image.height, f"{image.width}x{image.height} pixels")
-        return read(image)
+        return read(_as_stored(image))
 
     return _opened(path, bounded)
 
@@ -223,7 +234,28 @@ def colour_and_alpha(image: Image.Image) -> tuple[np.ndarray, np.ndarray | None]
 
 
 def _header(image: Image.Image) -> ImageHeader:
-    return ImageHeader(*image.size, _has_alpha(image), _orientation(image), image.format or "")
+    return ImageHeader(*_stored_size(image), _has_alpha(image), _orientation(image), image.format or "")
+
+
+def _stored_size(image: Image.Image) -> tuple[int, int]:
+    """Width and height before EXIF's orientation is applied, which Pillow does to a TIFF's size as it opens it."""
+    if isinstance(image, TiffImagePlugin.TiffImageFile):
+        width, height = (image.tag_v2[tag] for tag in (TiffImagePlugin.IMAGEWIDTH, TiffImagePlugin.IMAGELENGTH))
+        return width, height
+    return image.size
+
+
+def _as_stored(image: Image.Image) -> Image.Image:
+    """An image whose pixels EXIF's orientation is not applied to yet: Pillow does that to a TIFF as it decodes it."""
+    orientation = _orientation(image)
+    if image.format != "TIFF" or orientation == UPRIGHT:
+        return image
+    stored = image.transpose(TURNS_BACK[orientation])
+    exif = stored.getexif()
+    with suppress(Exception):  # damaged EXIF data raise different types
+        exif.load(image.getexif().tobytes())
+    exif[ExifTags.Base.Orientation] = orientation
+    return stored
 
 
 def _has_alpha(image: Image.Image) -> bool:
@@ -231,8 +263,6 @@ def _has_alpha(image: Image.Image) -> bool:
 
 
 def _orientation(image: Image.Image) -> int:
-    if image.format == "TIFF":  # Pillow rotates these itself, and states the rotated size
-        return UPRIGHT
     if image.format == "PNG" and "exif" not in image.info:  # Pillow would decode all pixels to find EXIF after them
         return UPRIGHT
     stated = image.getexif().get(ExifTags.Base.Orientation, UPRIGHT)

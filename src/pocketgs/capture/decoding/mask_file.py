@@ -8,15 +8,15 @@ from PIL import Image, ImageOps
 from pocketgs.capture.decoding.image_file import SIXTEEN_BIT_MODES, high_bytes, read_image
 from pocketgs.files.opening import CaptureFile
 
-HALF = 127
+HALF, WHITE = 127, 255
 
 
 def read_mask(path: CaptureFile, upright: bool = False) -> np.ndarray:
     """Read a mask as (H, W) bool, True for pixels to use.
 
     Pixels are used from half-way to white upwards: edges are often smoothed, and JPEG leaves noise on black. Masks of
-    zeros and ones also work, and so do palette images from segmentation tools: there everything but black is used. If a
-    mask has alpha, transparent pixels are not used.
+    zeros and ones also work, and so do palette images from segmentation tools: there everything but black is used. Of a
+    colour its brightest channel counts: pure red is used. If a mask has alpha, transparent pixels are not used.
 
     Args:
         path: the file.
@@ -33,15 +33,19 @@ def _usable(image: Image.Image) -> np.ndarray:
         return np.asarray(image)
     if image.mode in SIXTEEN_BIT_MODES:
         values = np.asarray(image)
-        return values > 0 if values.max() <= 1 else high_bytes(image) > HALF
+        # Some programs write the values of 8 bits as 16.
+        return _bright(values if values.max() <= WHITE else high_bytes(image))
     if image.mode == "P" and "transparency" not in image.info:
         return np.asarray(image.convert("RGB")).max(axis=2) > 0
     if image.mode in ("RGBA", "LA", "PA", "P"):
-        brightness, alpha = np.asarray(image.convert("RGBA").convert("LA")).transpose(2, 0, 1)
+        colours = np.asarray(image.convert("RGBA"))
+        brightness, alpha = colours[:, :, :3].max(axis=2), colours[:, :, 3]
         # A cut-out in one colour is described by its alpha alone.
         cut_out = brightness.min() == brightness.max() and alpha.min() < alpha.max()
         return (alpha > HALF) & (_bright(brightness) | cut_out)
-    return _bright(np.asarray(image.convert("L")))
+    if image.mode in ("L", "F"):
+        return _bright(np.asarray(image.convert("L")))
+    return _bright(np.asarray(image.convert("RGB")).max(axis=2))
 
 
 def _bright(values: np.ndarray) -> np.ndarray:

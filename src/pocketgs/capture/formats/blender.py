@@ -34,7 +34,13 @@ def read(path: Path, images: str | None = None) -> Listing:
     # The test images may be absent: people leave them out to save space.
     test, more_warnings = _read_split(path, "transforms_test.json", may_be_absent=True)
     held_out = frozenset(frame.name for frame in test)
-    return Listing(FORMAT, train + test, held_out=held_out or None, background=WHITE, warnings=warnings + more_warnings)
+    both = [frame.name for frame in train if frame.name in held_out]
+    warnings += more_warnings
+    if both:
+        said = f"{len(both)} of {len(train)} images for training are held out too, the first {both[0]}"
+        warnings += (f"{path / 'transforms_test.json'}: {said}: they are not trained on; --hold-out 0 trains on all",)
+    frames = [frame for frame in train if frame.name not in held_out] + test
+    return Listing(FORMAT, frames, held_out=held_out or None, background=WHITE, warnings=warnings)
 
 
 def _read_split(path: Path, name: str, may_be_absent: bool = False) -> tuple[list[FrameSource], tuple[str, ...]]:

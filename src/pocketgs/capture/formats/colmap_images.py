@@ -51,7 +51,7 @@ def _named(
     names: Sequence[str], folder: Path, capture: Path, where: str, leave_out: Callable[[Path], bool] | None
 ) -> Files:
     # Absolute paths are of the machine that wrote them: those images are found by name alone.
-    were_elsewhere = leave_out is not None and any(Path(name).is_absolute() for name in names)
+    were_elsewhere = leave_out is not None and any(PureWindowsPath(name).root for name in names)
     files: list[Path | None] = [] if were_elsewhere else find_stated(folder, names, where)
     if any(files) or leave_out is None:
         return files, ()

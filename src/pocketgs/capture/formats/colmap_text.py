@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Collection, Iterator
+from io import BytesIO, TextIOWrapper
 from pathlib import Path
 
 import numpy as np
@@ -15,8 +17,12 @@ from pocketgs.capture.formats.colmap_model import (
     unknown_model,
 )
 from pocketgs.errors import PocketGSError, clipped
+from pocketgs.files.memory_bound import require_memory
 from pocketgs.files.opening import read_bytes
 from pocketgs.scene.point_cloud import PointCloud
+
+ROW_BYTES = 112
+"""Bytes that a line of a point takes while it is read: its numbers, their array as it grows, and the cloud."""
 
 MODELS_BY_NAME = {model.name: model for model in CAMERA_MODELS.values()}
 
@@ -77,12 +83,14 @@ def read_images(path: Path) -> list[ColmapImage]:
 
 
 def _is_of_an_image(line: str) -> bool:
-    """Whether a line ends in a name. The tenth word of one that lists points is a coordinate."""
-    words = line.split()
+    """Whether a line ends in a name, such as `20240100 120000.jpg`. One that lists points ends in numbers."""
+    words = line.split(maxsplit=9)
     if len(words) < 10:
         return False
+    name = words[9].split(maxsplit=1)
     try:
-        float(words[9])
+        float(name[0])
+        float(name[-1].rsplit(maxsplit=1)[-1])
     except ValueError:
         return True
     return False
@@ -94,26 +102,27 @@ def read_points(path: Path) -> PointCloud:
     Raises:
         PocketGSError: a line is malformed.
     """
-    rows = []
+    rows = array("d")  # lists of numbers would take several times the file's size
     for where, line in _content(_lines(path)):
         words = line.split(maxsplit=7)
         if len(words) < 7:
             raise _malformed(where, line, "POINT_ID X Y Z R G B ERROR TRACK")
-        rows.append(_numbers(words[1:7], where))
-    table = np.array(rows, dtype=np.float64).reshape(-1, 6)
+        rows.extend(_numbers(words[1:7], where))
+    table = np.frombuffer(rows, dtype=np.float64).reshape(-1, 6)
     return PointCloud(table[:, :3], table[:, 3:] / 255)
 
 
 def _lines(path: Path) -> Iterator[tuple[str, str]]:
     """Every line with its position, for error messages."""
     try:
-        text = read_bytes(path).decode("utf-8-sig")
+        content = read_bytes(path)
+        require_memory(path, len(content) + ROW_BYTES * content.count(b"\n"), f"its {len(content):,} bytes of text")
+        for number, line in enumerate(TextIOWrapper(BytesIO(content), "utf-8-sig", newline="\n"), start=1):
+            yield f"{path}, line {number}", line.strip()
     except OSError as error:
         raise PocketGSError(f"{path}: cannot be read ({error.strerror})") from error
     except UnicodeDecodeError as error:
         raise PocketGSError(f"{path}: not UTF-8 text ({error})") from error
-    for number, line in enumerate(text.split("\n"), start=1):
-        yield f"{path}, line {number}", line.strip()
 
 
 def _content(lines: Iterator[tuple[str, str]]) -> Iterator[tuple[str, str]]:

@@ -16,7 +16,6 @@ from pocketgs.capture.formats.transforms_file import (
 from pocketgs.capture.listing import FrameSource, Listing
 from pocketgs.capture.named_images import find_moved, spelling
 from pocketgs.capture.unposed import few_posed
-from pocketgs.errors import PocketGSError
 from pocketgs.files.json_fields import Fields, read_json
 from pocketgs.scene.point_cloud import PointCloud
 
@@ -72,18 +71,14 @@ def _few_posed_warning(listed: list[FrameSource | None], file: Path) -> tuple[st
 def _split(document: Fields, listed: list[FrameSource | None]) -> tuple[list[FrameSource], frozenset[str] | None]:
     """The frames to use and the names of the held-out ones, by the file's own split.
 
-    The test frames are held out, or the validation frames if there are no test frames. Frames outside the split, and
-    validation frames beside test frames, are not used.
+    The test frames are held out, or the validation frames if there are no test frames, even where they are listed for
+    training too. Frames outside the split, and validation frames beside test frames, are not used.
     """
     present = [frame for frame in listed if frame is not None]
     train, val, test = (_part(document, listed, name) for name in PARTS)
     held_out = test or val
-    if not held_out:
-        return present, None
     train = train or frozenset(frame.name for frame in present) - val - held_out
-    if train & held_out:
-        raise PocketGSError(f"{document.where}: the image {min(train & held_out)} is both for training and held out")
-    return [frame for frame in present if frame.name in train | held_out], held_out
+    return [frame for frame in present if frame.name in train | held_out], held_out or None
 
 
 def _part(document: Fields, listed: list[FrameSource | None], name: str) -> frozenset[str]:
@@ -94,15 +89,28 @@ def _part(document: Fields, listed: list[FrameSource | None], name: str) -> froz
 
 
 def _split_warnings(document: Fields) -> tuple[str, ...]:
-    """A warning about each list of the split that names none of the frames, whether or not their images exist."""
+    """Warnings about lists of the split that name no frames, whether or not their images exist, or the same ones."""
     stated = {_key(fields.text("file_path")) for fields in document.objects("frames")}
-    lists = {name: document.optional_texts(name) for name in PARTS}
-    return tuple(
-        f"{document.where}: {name} names no frame, and is not used: none of the {len(paths)} is a file_path, the first "
-        f"{paths[0]}"
-        for name, paths in lists.items()
-        if paths and stated.isdisjoint(map(_key, paths))
+    lists = {name: document.optional_texts(name) or [] for name in PARTS}
+    unknown = {name: [path for path in paths if _key(path) not in stated] for name, paths in lists.items()}
+    warnings = (
+        f"{document.where}: {len(paths)} of {len(lists[name])} paths in {name} are no file_path of a frame: correct "
+        f"them, the first {paths[0]}"
+        for name, paths in unknown.items()
+        if paths
     )
+    return (*warnings, *_overlap_warning(document, lists, stated))
+
+
+def _overlap_warning(document: Fields, lists: dict[str, list[str]], stated: set[str]) -> tuple[str, ...]:
+    """A warning if frames are both for training and held out, or none."""
+    train, val, test = ([path for path in paths if _key(path) in stated] for paths in lists.values())
+    held_out = set(map(_key, test or val))
+    both = [path for path in train if _key(path) in held_out]
+    if not both:
+        return ()
+    said = f"{len(both)} of {len(train)} images for training are held out too, the first {both[0]}"
+    return (f"{document.where}: {said}: they are not trained on; --hold-out 0 trains on all",)
 
 
 def _key(path: str) -> str:

@@ -12,7 +12,7 @@ import numpy as np
 from pocketgs.capture.listing import FrameSource, Listing
 from pocketgs.capture.poses import camera_at, world_to_camera_from_opengl
 from pocketgs.errors import PocketGSError
-from pocketgs.files.json_fields import Fields, read_json
+from pocketgs.files.json_fields import DamagedJsonError, Fields, read_json
 from pocketgs.files.paths import existing_file, relative_name
 
 FORMAT = "polycam"
@@ -35,23 +35,34 @@ def read(path: Path, images: str | None = None) -> Listing:
     """Read the keyframes, corrected ones if there are any, else as ARKit tracked them.
 
     Raises:
-        PocketGSError: a camera is malformed, no camera has an image, or `images` is given, which the format does not
-            support.
+        PocketGSError: a camera is malformed, most are damaged, none has an image, or `images` is given, which the
+            format does not support.
     """
     if images is not None:
         raise PocketGSError(f"{path}: images='{images}' given, but Polycam's captures keep theirs in {KEYFRAMES}")
     kind = CORRECTED if _has_keyframes(path, CORRECTED) else UNCORRECTED
     folder = path / KEYFRAMES / f"{kind}cameras"
     cameras = sorted(folder.glob(CAMERA_FILES))
-    frames = [_frame(path, kind, file.stem) for file in cameras]
+    frames: list[FrameSource | None] = []
+    damaged: list[DamagedJsonError] = []
+    for file in cameras:
+        try:
+            frames.append(_frame(path, kind, file.stem))
+        except DamagedJsonError as error:
+            damaged.append(error)
+    if 2 * len(damaged) > len(cameras):
+        raise damaged[0]
     present = [frame for frame in frames if frame is not None]
     if not present:
         raise PocketGSError(f"{folder}: none of its {len(cameras)} cameras has an image in {KEYFRAMES}/{kind}images")
     warnings: tuple[str, ...] = ()
     if kind == UNCORRECTED:
         warnings += (f"{path}: without corrected cameras, so ARKit's poses are used, which drift",)
-    if len(present) < len(cameras):
-        warnings += (f"{folder}: {len(cameras) - len(present)} of {len(cameras)} cameras have no image",)
+    if len(present) < len(frames):
+        warnings += (f"{folder}: {len(frames) - len(present)} of {len(cameras)} cameras have no image",)
+    if damaged:
+        found = f"{folder}: {len(damaged)} of {len(cameras)} cameras are damaged, the first ({damaged[0]})"
+        warnings += (f"{found}: these frames are left out; copy them again",)
     return Listing(FORMAT, present, metric=True, warnings=warnings)
 
 

@@ -19,7 +19,24 @@ Other files may use it too; nerfstudio itself does not.
 """
 
 MATRIX_FIELDS = ("K", "intrinsics", "intrinsic_matrix", "camera_intrinsics")
+FOCAL_FIELDS, ANGLE_FIELDS = ("fl_x", "fl_y"), ("camera_angle_x", "camera_angle_y")
+LENS_FIELDS, LENS_LIST = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2"), "distortion_params"
 PIXEL_FIELDS = ("fl_x", "fl_y", "cx", "cy", *MATRIX_FIELDS)
+
+
+REPLACED: tuple[dict[tuple[str, ...], tuple[str, ...]], ...] = (
+    {
+        FOCAL_FIELDS: (*ANGLE_FIELDS, *MATRIX_FIELDS),
+        ANGLE_FIELDS: (*FOCAL_FIELDS, *MATRIX_FIELDS),
+        MATRIX_FIELDS: (*FOCAL_FIELDS, *ANGLE_FIELDS, *MATRIX_FIELDS, "cx", "cy"),
+    },
+    {("w", "h"): ("width", "height"), ("width", "height"): ("w", "h")},
+    {LENS_FIELDS: (LENS_LIST,)},
+)
+"""Fields that mean the same: by those that a frame may state, the whole file's that then no longer hold for it.
+
+Of those in one dictionary a frame may state several; the first counts.
+"""
 
 
 @dataclass(frozen=True)
@@ -60,6 +77,15 @@ def read_intrinsics(fields: Fields, image_size: Callable[[], tuple[int, int]]) -
     middle = (width / 2, height / 2) if matrix is None else (float(matrix[0, 2]), float(matrix[1, 2]))
     cx, cy = _stated_centre(fields)
     return Intrinsics((width, height), (fx, fy), (middle[0] if cx is None else cx, middle[1] if cy is None else cy))
+
+
+def over_shared(own: Fields, shared: Fields) -> Fields:
+    """A frame's fields over those of the whole file, but for what the frame states itself in another way."""
+    stated = {name for name, value in own.values.items() if value is not None}
+    replaced = ((others for names, others in same.items() if not stated.isdisjoint(names)) for same in REPLACED)
+    dropped = {name for others in replaced for name in next(others, ())}
+    kept = {name: value for name, value in shared.values.items() if name not in dropped}
+    return own.over(Fields(kept, shared.where))
 
 
 def states_pixels(fields: Fields) -> bool:

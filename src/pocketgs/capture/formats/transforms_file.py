@@ -8,7 +8,13 @@ from pathlib import Path, PureWindowsPath
 import numpy as np
 
 from pocketgs.capture.decoding.image_file import read_size
-from pocketgs.capture.formats.stated_intrinsics import read_intrinsics, states_pixels
+from pocketgs.capture.formats.stated_intrinsics import (
+    LENS_FIELDS,
+    LENS_LIST,
+    over_shared,
+    read_intrinsics,
+    states_pixels,
+)
 from pocketgs.capture.listing import FrameSource
 from pocketgs.capture.named_images import find_images, find_moved, find_stated
 from pocketgs.capture.poses import camera_at, world_to_camera_from_opengl
@@ -22,6 +28,12 @@ from pocketgs.geometry.lens import PINHOLE, Lens
 EXTENSIONS_TRIED = ("", ".png", ".jpg", ".jpeg")
 PERSPECTIVE_MODELS = ("PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV", "PERSPECTIVE")
 FISHEYE_MODELS = ("OPENCV_FISHEYE",)
+RATIONAL_MODEL = "FULL_OPENCV"
+"""The model whose k4 to k6 are OpenCV's. In others k4 alone is the fourth term of Brown's polynomial."""
+
+LISTED_COEFFICIENTS = ("k1", "k2", "k3", "k4", "p1", "p2")
+"""What nerfstudio's `distortion_params` lists."""
+
 KNOWN_MODELS = ", ".join(PERSPECTIVE_MODELS + FISHEYE_MODELS)
 LENSES_OF_INSTANT_NGP = ("ftheta_p0", "equirectangular", "latlong", "orthographic")
 """Fields by which instant-ngp's files state a lens that is not supported."""
@@ -31,7 +43,7 @@ DEFAULT_DEPTH_UNIT = 0.001
 def read_frames(
     document: Fields, folder: Path, images: str | None = None, may_have_moved: bool = True
 ) -> tuple[list[FrameSource | None], tuple[str, ...]]:
-    """Read the frames in the listed order, None where an image file is missing; returns warnings too.
+    """Read the frames in the listed order, None where an image file or a few poses are missing; returns warnings too.
 
     Intrinsics may be at the top level or in a frame; the frame's take precedence.
 
@@ -45,7 +57,7 @@ def read_frames(
         PocketGSError: a field is missing or malformed, or a path leaves the folder.
     """
     shared = Fields({name: value for name, value in document.values.items() if name != "frames"}, document.where)
-    frames = [frame.over(shared) for frame in document.objects("frames")]
+    frames = [over_shared(frame, shared) for frame in document.objects("frames")]
     named = [frame.text("file_path") for frame in frames]
     warnings: tuple[str, ...] = ()
     if images is not None:
@@ -54,9 +66,28 @@ def read_frames(
         files, warnings = find_images(folder, named, document.where, EXTENSIONS_TRIED)
     else:
         files = find_stated(folder, named, document.where, EXTENSIONS_TRIED)
-    found = zip(frames, files, strict=True)
     has_moved = images is not None
-    return [None if file is None else _read_frame(frame, folder, file, has_moved) for frame, file in found], warnings
+    may_lack_pose = 2 * sum(map(_lacks_pose, frames)) < len(frames)
+    found: list[FrameSource | None] = []
+    for frame, file in zip(frames, files, strict=True):
+        if file is None or _is_mask_or_depth(file, frame, folder) or (may_lack_pose and _lacks_pose(frame)):
+            found.append(None)
+        else:
+            found.append(_read_frame(frame, folder, file, has_moved))
+    return found, warnings
+
+
+def _lacks_pose(fields: Fields) -> bool:
+    return fields.values.get("transform_matrix") is None
+
+
+def _is_mask_or_depth(file: Path, fields: Fields, folder: Path) -> bool:
+    """Whether a file of another suffix than a photograph's is its mask or depth map: these often have its stem."""
+    if file.suffix.lower() == PureWindowsPath(fields.text("file_path")).suffix.lower():
+        return False
+    others = filter(None, (fields.optional_text("mask_path"), _read_depth(fields)[0]))
+    found = (find_moved(folder, stated, fields.where) for stated in others)
+    return any(other is not None and other.samefile(file) for other in found)
 
 
 def check_some_exist(frames: list[FrameSource | None], document: Fields) -> None:
@@ -75,12 +106,17 @@ def check_some_exist(frames: list[FrameSource | None], document: Fields) -> None
 
 
 def absent_warning(frames: list[FrameSource | None], document: Fields) -> tuple[str, ...]:
-    """A warning that counts the frames without image files, or none."""
-    absent = [index for index, frame in enumerate(frames) if frame is None]
-    if not absent:
-        return ()
-    first = document.objects("frames")[absent[0]].text("file_path")
-    return (f"{document.where}: {len(absent)} of {len(frames)} listed frames have no image file, the first {first}",)
+    """Warnings that count the frames without an image file and those without a pose."""
+    left_out = [fields for fields, frame in zip(document.objects("frames"), frames, strict=True) if frame is None]
+    return tuple(
+        f"{document.where}: {len(lacking)} of {len(frames)} listed frames have no {what}, the first "
+        f"{lacking[0].text('file_path')}"
+        for what, lacking in (
+            ("image file", [fields for fields in left_out if not _lacks_pose(fields)]),
+            ("pose", [fields for fields in left_out if _lacks_pose(fields)]),
+        )
+        if lacking
+    )
 
 
 def depth_warning(frames: list[FrameSource | None], document: Fields) -> tuple[str, ...]:
@@ -108,7 +144,7 @@ def _without_file(kind: str, named: Sequence[str | None], found: Sequence[object
     absent = [name for name, file in zip(named, found, strict=True) if name is not None and not file]
     if not absent:
         return ()
-    return (f"{document.where}: {len(absent)} of its {kind} have no file, the first {absent[0]}",)
+    return (f"{document.where}: {len(absent)} of its {kind} have no file where it states, the first {absent[0]}",)
 
 
 def _in_other_folder(folder: Path, images: str, named: Sequence[str], where: str) -> list[Path | None]:
@@ -192,6 +228,19 @@ def _read_lens(fields: Fields) -> Lens:
                 f"{fields.where}: field '{name}' states another lens, expected a 'camera_model', one of {KNOWN_MODELS}"
             )
     fisheye = model in FISHEYE_MODELS or fields.flag("is_fisheye")
+    values = _coefficients(fields)
+    if not fisheye and model != RATIONAL_MODEL and values.get("k4") and not (values.get("k5") or values.get("k6")):
+        raise PocketGSError(
+            f"{fields.where}: the coefficient k4 is {values['k4']:g}, a fourth radial term, which OpenCV's lens does "
+            "not have: calibrate without it, or export undistorted photographs"
+        )
     names = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
-    lens = Lens("fisheye" if fisheye else "opencv", tuple(fields.optional_number(name) or 0.0 for name in names))
+    lens = Lens("fisheye" if fisheye else "opencv", tuple(values.get(name) or 0.0 for name in names))
     return lens if lens.distorts else PINHOLE
+
+
+def _coefficients(fields: Fields) -> dict[str, float | None]:
+    """The lens's coefficients by name: from nerfstudio's list, or else from a field each."""
+    if fields.values.get(LENS_LIST) is None:
+        return {name: fields.optional_number(name) for name in LENS_FIELDS}
+    return dict(zip(LISTED_COEFFICIENTS, fields.numbers(LENS_LIST, len(LISTED_COEFFICIENTS)), strict=True))

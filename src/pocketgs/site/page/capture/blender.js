@@ -6,7 +6,7 @@
 
 import { Fields } from "./json_fields.js";
 import { listingOf } from "./listing.js";
-import { absentWarning, checkSomeExist, maskWarning, readFrames } from "./transforms_file.js";
+import { absentWarning, checkSomeExist, heldOutTooWarning, maskWarning, readFrames } from "./transforms_file.js";
 
 /** What makes a folder such a capture. */
 const MARK = "transforms_train.json";
@@ -31,7 +31,10 @@ export async function read(tree, bounds) {
     // The test images may be absent: people leave them out to save space.
     const [test, moreWarnings] = await readSplit(tree.find(TEST), tree, bounds, true);
     const heldOut = test.length ? new Set(test.map(({ name }) => name)) : null;
-    return listingOf("blender", [...train, ...test], { heldOut, background, warnings: [...warnings, ...moreWarnings] });
+    const both = train.filter(({ name }) => heldOut?.has(name));
+    warnings.push(...moreWarnings, ...heldOutTooWarning(TEST, both.map(({ name }) => name), train.length));
+    const frames = [...train.filter((frame) => !both.includes(frame)), ...test];
+    return listingOf("blender", frames, { heldOut, background, warnings });
 }
 
 async function readSplit(file, tree, bounds, mayBeAbsent = false) {

@@ -42,11 +42,7 @@ export function matchFiles(names, folder, tree, where, bounds, leaveOut) {
 /**
  * Whether a folder holds a registered image. Of absolute paths, which are another machine's, only names count.
  *
- * @param {string} folder
- * @param {string[]} names
- * @param {FileTree} tree
- * @param {string} where for messages
- * @returns {boolean}
+ * @type {(folder: string, names: string[], tree: FileTree, where: string) => boolean}
  * @throws {Error} a name leads out of the folder
  */
 export function holdsAny(folder, names, tree, where) {
@@ -57,7 +53,7 @@ export function holdsAny(folder, names, tree, where) {
 /** Each image's file in the folder, or else by its name alone. */
 function namedFiles(names, folder, tree, where, bounds, leaveOut) {
     // Absolute paths are of the machine that wrote them: those images are found by name alone.
-    const wereElsewhere = names.some((name) => name.startsWith("/"));
+    const wereElsewhere = names.some(isRooted);
     const stated = wereElsewhere ? [] : findStated(tree, folder, names, where);
     if (stated.some(Boolean)) {
         return [stated, []];

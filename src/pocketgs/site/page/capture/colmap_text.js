@@ -66,10 +66,10 @@ export async function readImages(file) {
     return images;
 }
 
-/** Whether a line ends in a name: the tenth word of one that lists points is a coordinate. */
+/** Whether a line ends in a name, such as `20240100 120000.jpg`. One that lists points ends in numbers. */
 function isOfAnImage(line) {
     const words = line.split(/\s+/);
-    return words.length >= 10 && Number.isNaN(Number(words[9]));
+    return words.length >= 10 && [words[9], words.at(-1)].some((word) => Number.isNaN(Number(word)));
 }
 
 /** @type {(file: StoredFile) => Promise<import("./listing.js").Cloud>} */

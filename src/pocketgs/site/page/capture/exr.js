@@ -26,7 +26,7 @@ const TYPES = [
 ];
 
 /**
- * Channel Z, or else the first one.
+ * Channel Z of any layer, or else the first that is not alpha.
  *
  * @param {Uint8Array} bytes of the file
  * @param {string} path for messages
@@ -50,7 +50,7 @@ async function channelOf(view) {
     if (!together) {
         throw new Error(`compression ${compression}`);
     }
-    const chosen = channels.find(({ name }) => name === "Z") ?? channels[0];
+    const chosen = channels.find(({ name }) => /(^|\.)Z$/.test(name)) ?? channels.find(({ name }) => !/(^|\.)A$/.test(name)) ?? channels[0];
     const line = channels.reduce((sum, { type }) => sum + TYPES[type].bytes * width, 0);
     const before = channels.slice(0, channels.indexOf(chosen));
     const offset = before.reduce((sum, { type }) => sum + TYPES[type].bytes * width, 0);

@@ -6,6 +6,9 @@
 
 const isObject = (value) => typeof value === "object" && value !== null && !Array.isArray(value);
 
+/** The number that a text holds, as some programs write them; any other value as it is. */
+const numberIn = (value) => (typeof value === "string" && value.trim() ? Number(value) : value);
+
 /** One object of a JSON file. */
 export class Fields {
     /**
@@ -52,7 +55,8 @@ export class Fields {
 
     /** @type {(name: string) => number | null} a finite number, or null where there is none */
     optionalNumber(name) {
-        return this.#optional(name, Number.isFinite, "a finite number");
+        const value = this.#optional(name, (value) => Number.isFinite(numberIn(value)), "a finite number");
+        return value === null ? null : numberIn(value);
     }
 
     /** @type {(name: string) => string} */

@@ -8,7 +8,7 @@
 import { folderOf, nameOf, normalised } from "../archive/tree.js";
 import { isImage, storedSize } from "./image_header.js";
 import { pairByNumber } from "./last_numbers.js";
-import { decodedAsStored, greyOf } from "./pixels.js";
+import { decodedAsStored } from "./pixels.js";
 
 /**
  * @typedef {import("../archive/tree.js").FileTree} FileTree
@@ -59,8 +59,9 @@ export async function withMasks(listing, tree, { mask_folders: usual }) {
  */
 export async function readMask(file) {
     const pixels = await decodedAsStored(file);
-    const values = greyOf(pixels);
-    const alpha = values.map((_, i) => pixels.rgba[4 * i + 3]);
+    const alpha = pixels.rgba.filter((_, i) => i % 4 === 3);
+    // Of a colour its brightest channel counts.
+    const values = alpha.map((_, i) => Math.max(...pixels.rgba.subarray(4 * i, 4 * i + 3)));
     const most = values.reduce((most, value) => Math.max(most, value), 0);
     // Canvases lose the colours of transparent pixels.
     const opaque = values.filter((_, i) => alpha[i] === 255);

@@ -13,11 +13,7 @@ import { isImage } from "./image_header.js";
  */
 
 /**
- * Find the file of each image that a capture names. If no stated path exists (see `findStated`), each image is searched
- * by name in the whole folder, or else by its name with another suffix: captures get moved, images get converted, and
- * many tools write paths of the machine that they ran on. Others write paths from the folder that they ran in: if the
- * capture has no such image, the stated paths are tried from the folders around it. If some stated paths exist, the others
- * are missing.
+ * Find the file of each image that a capture names: at stated paths, by their names, or from the folders around.
  *
  * @param {FileTree} tree
  * @param {string} folder that the images lie in; "" for the whole capture
@@ -27,8 +23,7 @@ import { isImage } from "./image_header.js";
  * @param {{deepest: number, other_pictures: string}} bounds the settings' `capture`
  * @param {(folder: string) => boolean} leaveOut whether the search by name leaves out a folder
  * @returns {[(StoredFile | undefined)[], string[]]} the files, undefined where missing, and warnings
- * @throws {Error} a path leaves the folder; paths that all are of another machine are fine if an image has the name of
- *     one of them
+ * @throws {Error} a path leaves the folder, unless all are of another machine and an image has the name of one
  */
 export function findImages(tree, folder, named, where, suffixes, bounds, leaveOut = () => false) {
     let refusal = null;
@@ -76,26 +71,39 @@ function statedFromAround(tree, named, where, suffixes) {
 const foldersAround = (tree) => Array.from({ length: tree.depth + 1 }, (_, i) => "../".repeat(i));
 
 /**
- * The files that `findImages` finds in the stated folders. Case, the separator of folders, the encoding of accents, and
- * the suffix (if no other image has the same stem) may differ.
+ * The files that `findImages` finds in the stated folders. Case, the separator of folders, and the encoding of accents
+ * may differ; so may the suffix, if no other image has the same stem, and none of the folder exists under that suffix.
  *
- * @param {FileTree} tree
- * @param {string} folder
- * @param {string[]} named
- * @param {string} where
- * @param {string[]} suffixes
- * @returns {(StoredFile | undefined)[]}
+ * @type {(tree: FileTree, folder: string, named: string[], where: string, suffixes?: string[]) => (StoredFile | undefined)[]}
  * @throws {Error} a path leaves the folder
  */
 export function findStated(tree, folder, named, where, suffixes = [""]) {
     const present = new Map();
     const stemsIn = (place) => present.get(place) ?? present.set(place, pathsByStem(tree, place)).get(place);
-    return named.map((name) => {
+    const only = (paths) => (paths.length === 1 ? tree.find(paths[0]) : undefined);
+    const sameStem = named.map((name) => {
         const path = tree.inside(folder, name, where);
         const file = suffixes.map((suffix) => tree.find(path + suffix)).find(Boolean);
-        const same = file ? [] : (stemsIn(folderOf(path)).get(stemOf(name)) ?? []);
-        return same.length === 1 ? tree.find(same[0]) : file;
+        return file ? [file.path] : (stemsIn(folderOf(path)).get(stemOf(name)) ?? []);
     });
+    const files = sameStem.map((paths, i) => only(ofTheName(paths, named[i], suffixes)));
+    const [taken, unconverted] = [new Set(files.map((file) => file?.path)), kindsOf(named, files)];
+    return files.map((file, i) => {
+        return file ?? (unconverted.has(kindOf(named[i])) ? undefined : only(sameStem[i].filter((path) => !taken.has(path))));
+    });
+}
+
+/** The paths that end in a stated name and one of the suffixes. */
+function ofTheName(paths, stated, suffixes) {
+    return paths.filter((path) => suffixes.some((suffix) => spelling(nameOf(path)) === spelling(lastPartOf(stated) + suffix)));
+}
+
+/** The kinds of images some of which exist under their names, and so were not converted: they all would be. */
+const kindsOf = (named, found) => new Set(named.filter((_, i) => found[i]).map(kindOf));
+
+/** The folder and the suffix of a stated path. */
+function kindOf(stated) {
+    return [...partsOf(spelling(stated)).slice(0, -1), spelling(lastPartOf(stated)).slice(stemOf(stated).length)].join("/");
 }
 
 /**
@@ -106,8 +114,7 @@ export function findStated(tree, folder, named, where, suffixes = [""]) {
  * @param {string} stated relative to the capture, or absolute
  * @param {string} where the file that states it, for messages
  * @param {{deepest: number}} bounds the settings' `capture`
- * @param {StoredFile | null} photograph whose mask or depth is sought; these often have its name, so the end of a path
- *     may find it instead
+ * @param {StoredFile | null} photograph whose mask or depth is sought, which often has its name
  * @returns {StoredFile | undefined}
  * @throws {Error} the path leaves the capture
  */
@@ -135,9 +142,10 @@ export const stemOf = (path) => spelling(lastPartOf(path)).replace(/(?<=.)\.[^.]
 function byNameAlone(present, tree, named, suffixes) {
     const byName = grouped(present, (path) => spelling(nameOf(path)));
     const byStem = grouped(present, stemOf);
-    return named.map((name) => {
-        const same = suffixes.flatMap((suffix) => byName.get(spelling(lastPartOf(name) + suffix)) ?? []);
-        const paths = same.length ? same : (byStem.get(stemOf(name)) ?? []);
+    const own = named.map((name) => suffixes.flatMap((suffix) => byName.get(spelling(lastPartOf(name) + suffix)) ?? []));
+    const unconverted = kindsOf(named, own.map((paths) => paths.length));
+    return named.map((name, i) => {
+        const paths = unconverted.has(kindOf(name)) ? own[i] : (byStem.get(stemOf(name)) ?? []);
         const ranked = paths.map((path) => ({ path, rank: rankOf(path, name) })).sort((a, b) => b.rank - a.rank);
         const isUnique = ranked.length === 1 || ranked[0]?.rank > ranked[1]?.rank;
         return isUnique ? tree.find(ranked[0].path) : undefined;

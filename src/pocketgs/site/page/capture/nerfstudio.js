@@ -12,7 +12,14 @@ import { Fields } from "./json_fields.js";
 import { listingOf } from "./listing.js";
 import { findMoved } from "./named_images.js";
 import { NERFCAPTURE_FIELD } from "./stated_intrinsics.js";
-import { absentWarning, checkSomeExist, depthWarning, maskWarning, readFrames } from "./transforms_file.js";
+import {
+    absentWarning,
+    checkSomeExist,
+    depthWarning,
+    heldOutTooWarning,
+    maskWarning,
+    readFrames,
+} from "./transforms_file.js";
 
 /** What makes a folder such a capture. */
 const MARK = "transforms.json";
@@ -58,22 +65,17 @@ function fewPosedOf(listed, tree, bounds) {
 
 /**
  * The frames to use and the names of the held-out ones, by the file's own split if it has one: the test frames, or else
- * those for validation. The latter are not used beside test frames, nor are those outside the split.
+ * those for validation, even where they are listed for training too. The latter are not used beside test frames, nor are
+ * those outside the split.
  */
 function split(document, listed) {
     const present = listed.filter(Boolean);
     const [stated, validation, test] = PARTS.map((name) => partOf(document, listed, name));
     const heldOut = test.size ? test : validation;
-    if (!heldOut.size) {
-        return [present, null];
-    }
     const rest = present.map(({ name }) => name).filter((name) => !heldOut.has(name) && !validation.has(name));
     const train = stated.size ? stated : new Set(rest);
-    const shared = [...train].find((name) => heldOut.has(name));
-    if (shared) {
-        throw new Error(`${document.where}: the image ${shared} is both for training and held out`);
-    }
-    return [present.filter(({ name }) => train.has(name) || heldOut.has(name)), heldOut];
+    const used = present.filter(({ name }) => train.has(name) || heldOut.has(name));
+    return [used, heldOut.size ? heldOut : null];
 }
 
 /** Names of the existing frames in a list of paths; none if there is no such list. */
@@ -83,15 +85,19 @@ function partOf(document, listed, name) {
     return new Set(listed.filter((frame, i) => frame && wanted.has(stated[i])).map(({ name }) => name));
 }
 
-/** A warning about each list of the split that names none of the frames, whether or not their images exist. */
+/** Warnings about lists of the split that name no frames, whether or not their images exist, or the same ones. */
 function splitWarnings(document) {
     const stated = new Set(statedKeys(document));
-    return PARTS.flatMap((name) => {
-        const paths = document.optionalTexts(name) ?? [];
-        const found = `${document.where}: ${name} names no frame, and is not used`;
-        const reason = `none of the ${paths.length} is a file_path, the first ${paths[0]}`;
-        return paths.length && !paths.some((path) => stated.has(keyOf(path))) ? [`${found}: ${reason}`] : [];
+    const lists = PARTS.map((name) => document.optionalTexts(name) ?? []);
+    const [train, validation, test] = lists.map((paths) => paths.filter((path) => stated.has(keyOf(path))));
+    const warnings = PARTS.flatMap((name, i) => {
+        const unknown = lists[i].filter((path) => !stated.has(keyOf(path)));
+        const found = `${unknown.length} of ${lists[i].length} paths in ${name} are no file_path of a frame`;
+        return unknown.length ? [`${document.where}: ${found}: correct them, the first ${unknown[0]}`] : [];
     });
+    const heldOut = new Set((test.length ? test : validation).map(keyOf));
+    const both = train.filter((path) => heldOut.has(keyOf(path)));
+    return [...warnings, ...heldOutTooWarning(document.where, both, train.length)];
 }
 
 function statedKeys(document) {

@@ -31,32 +31,40 @@ export async function read(tree, bounds) {
     const isCorrected = tree.hasFolder(`${KEYFRAMES}/corrected_images`) && camerasOf("corrected_").length > 0;
     const kind = isCorrected ? "corrected_" : "";
     const cameras = camerasOf(kind);
-    const frames = [];
+    const [frames, damaged] = [[], []];
     for (const path of cameras) {
         const image = tree.find(path.replace(`${kind}cameras/`, `${kind}images/`).replace(CAMERA_FILE, ".jpg"));
-        if (image) {
+        const fields = image && (await Fields.of(tree.find(path)).catch((error) => damaged.push(error) && null));
+        if (fields) {
             const border = isCorrected ? bounds.undistortion_border : 0;
             const [depth, confidence] = ["depth", "confidence"].map((folder) => {
                 return tree.find(path.replace(`${kind}cameras/`, `${folder}/`).replace(CAMERA_FILE, ".png"));
             });
             const more = { border, depth: depthOf(depth, bounds.depth_unit, confidence) };
-            frames.push(sourceOf(image, await readCamera(tree.find(path), bounds), more));
+            frames.push(sourceOf(image, readCamera(fields, bounds), more));
         }
     }
     const folder = `${KEYFRAMES}/${kind}cameras`;
+    if (2 * damaged.length > cameras.length) {
+        throw damaged[0];
+    }
     if (!frames.length) {
         throw new Error(`${folder}: none of its ${cameras.length} cameras has an image in ${KEYFRAMES}/${kind}images`);
     }
     const warnings = isCorrected ? [] : [`${folder}: not corrected, so ARKit's poses are used, which drift`];
-    if (frames.length < cameras.length) {
-        warnings.push(`${folder}: ${cameras.length - frames.length} of ${cameras.length} cameras have no image`);
+    const absent = cameras.length - damaged.length - frames.length;
+    if (absent) {
+        warnings.push(`${folder}: ${absent} of ${cameras.length} cameras have no image`);
+    }
+    if (damaged.length) {
+        const found = `${folder}: ${damaged.length} of ${cameras.length} cameras are damaged`;
+        warnings.push(`${found}, the first (${damaged[0].message}): these frames are left out; copy them again`);
     }
     return listingOf("polycam", frames, { isMetric: true, warnings });
 }
 
 /** Camera to world is stated as t_00 to t_23, by rows, in ARKit's axes. */
-async function readCamera(file, bounds) {
-    const fields = await Fields.of(file);
+function readCamera(fields, bounds) {
     const several = (names) => names.map((name) => fields.number(name));
     const [size, focal, centre] = [["width", "height"], ["fx", "fy"], ["cx", "cy"]].map(several);
     const rows = [0, 1, 2].map((row) => several([0, 1, 2, 3].map((column) => `t_${row}${column}`)));

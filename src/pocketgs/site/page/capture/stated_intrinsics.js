@@ -11,6 +11,29 @@ import { storedSize } from "./image_header.js";
 export const NERFCAPTURE_FIELD = "depth_integer_scale";
 
 const MATRIX_FIELDS = ["K", "intrinsics", "intrinsic_matrix", "camera_intrinsics"];
+const [FOCALS, ANGLES] = [["fl_x", "fl_y"], ["camera_angle_x", "camera_angle_y"]];
+const [SIZE, OTHER_SIZE] = [["w", "h"], ["width", "height"]];
+
+/** Fields that a frame may state, the first of which counts, with the whole file's that then no longer hold for it. */
+const REPLACED = [
+    [
+        [FOCALS, [...ANGLES, ...MATRIX_FIELDS]],
+        [ANGLES, [...FOCALS, ...MATRIX_FIELDS]],
+        [MATRIX_FIELDS, [...FOCALS, ...ANGLES, ...MATRIX_FIELDS, "cx", "cy"]],
+    ],
+    [[SIZE, OTHER_SIZE], [OTHER_SIZE, SIZE]],
+    [[["k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2"], ["distortion_params"]]],
+];
+
+/** A frame's fields over those of the whole file, but for what the frame states itself in another way. */
+export function overShared(own, shared) {
+    const values = { ...shared.values };
+    for (const same of REPLACED) {
+        const found = same.find(([stated]) => stated.some((name) => (own.values[name] ?? null) !== null));
+        found?.[1].forEach((name) => delete values[name]);
+    }
+    return own.over({ values });
+}
 
 /**
  * Read the intrinsics of a frame. A matrix is used only if no focal length or field of view is stated.
@@ -43,7 +66,7 @@ export async function readIntrinsics(fields, file, { arkit_pixel_centre: half })
 }
 
 function statedSize(fields) {
-    for (const names of [["w", "h"], ["width", "height"]]) {
+    for (const names of [SIZE, OTHER_SIZE]) {
         const [width, height] = names.map((name) => fields.optionalNumber(name));
         if (width !== null && height !== null && (width || height)) {
             return [width, height];

@@ -10,7 +10,7 @@ import { depthOf } from "./depth_map.js";
 import { lensOf } from "./lens.js";
 import { sourceOf } from "./listing.js";
 import { findImages, findMoved, findStated } from "./named_images.js";
-import { readIntrinsics } from "./stated_intrinsics.js";
+import { overShared, readIntrinsics } from "./stated_intrinsics.js";
 
 /**
  * @typedef {import("../archive/tree.js").FileTree} FileTree
@@ -19,7 +19,7 @@ import { readIntrinsics } from "./stated_intrinsics.js";
  */
 
 /**
- * Read the frames in the listed order, null where an image is missing; returns warnings too.
+ * Read the frames in the listed order, null where an image or a few poses are missing; returns warnings too.
  *
  * @param {Fields} document the whole file
  * @param {FileTree} tree that its paths lie in
@@ -29,18 +29,23 @@ import { readIntrinsics } from "./stated_intrinsics.js";
  * @throws {Error} a field is missing or malformed, a path leaves the capture, or a camera cannot be used
  */
 export async function readFrames(document, tree, bounds, mayHaveMoved = true) {
-    const listed = document.objects("frames").map((own) => own.over(document));
+    const listed = document.objects("frames").map((own) => overShared(own, document));
     const named = listed.map((fields) => fields.text("file_path"));
     const { extensions_tried: suffixes } = bounds;
     const [files, warnings] = mayHaveMoved
         ? findImages(tree, "", named, document.where, suffixes, bounds)
         : [findStated(tree, "", named, document.where, suffixes), []];
+    const mayLackPose = 2 * listed.filter(lacksPose).length < listed.length;
     const frames = [];
     for (const [i, fields] of listed.entries()) {
-        frames.push(files[i] ? await readFrame(fields, files[i], tree, bounds) : null);
+        const isPhotograph = files[i] && !isMaskOrDepth(files[i], fields, tree, bounds);
+        const isLeftOut = mayLackPose && lacksPose(fields);
+        frames.push(isPhotograph && !isLeftOut ? await readFrame(fields, files[i], tree, bounds) : null);
     }
     return [frames, warnings];
 }
+
+const lacksPose = ({ values }) => (values.transform_matrix ?? null) === null;
 
 /**
  * Refuse a file that lists no frame, or of whose frames none has an image.
@@ -61,28 +66,29 @@ export function checkSomeExist(frames, document) {
 }
 
 /**
- * A warning that counts the frames without images.
+ * Warnings that count the frames without an image and those without a pose.
  *
- * @param {(FrameSource | null)[]} frames
- * @param {Fields} document
- * @returns {string[]} one, or none
+ * @type {(frames: (FrameSource | null)[], document: Fields) => string[]}
  */
 export function absentWarning(frames, document) {
-    const first = frames.indexOf(null);
-    if (first < 0) {
-        return [];
-    }
-    const count = frames.filter((frame) => frame === null).length;
-    const path = document.objects("frames")[first].text("file_path");
-    return [`${document.where}: ${count} of ${frames.length} listed frames have no image file, the first ${path}`];
+    const leftOut = document.objects("frames").filter((_, i) => frames[i] === null);
+    return ["image file", "pose"].flatMap((what, i) => {
+        const lacking = leftOut.filter((fields) => lacksPose(fields) === Boolean(i));
+        const found = `${lacking.length} of ${frames.length} listed frames have no ${what}`;
+        return lacking.length ? [`${document.where}: ${found}, the first ${lacking[0].text("file_path")}`] : [];
+    });
+}
+
+/** A warning if photographs are listed for training and held out too, or none. @returns {string[]} */
+export function heldOutTooWarning(where, both, count) {
+    const found = `${where}: ${both.length} of ${count} images for training are held out too, the first ${both[0]}`;
+    return both.length ? [`${found}: they are not trained on; --hold-out 0 trains on all`] : [];
 }
 
 /**
  * A warning if depth maps are absent, or have no unit: NeRFCapture writes pictures that hold no usable depth.
  *
- * @param {(FrameSource | null)[]} frames of the document, null where an image is absent
- * @param {Fields} document
- * @returns {string[]} one, or none
+ * @type {(frames: (FrameSource | null)[], document: Fields) => string[]}
  */
 export function depthWarning(frames, document) {
     const stated = document.objects("frames").map((own) => own.over(document));
@@ -97,9 +103,7 @@ export function depthWarning(frames, document) {
 /**
  * A warning if masks are absent: frames without a mask are used whole.
  *
- * @param {(FrameSource | null)[]} frames of the document, null where an image is absent
- * @param {Fields} document
- * @returns {string[]} one, or none
+ * @type {(frames: (FrameSource | null)[], document: Fields) => string[]}
  */
 export function maskWarning(frames, document) {
     const named = document.objects("frames").map((own) => own.over(document).optionalText("mask_path"));
@@ -109,7 +113,15 @@ export function maskWarning(frames, document) {
 /** A warning if files of a kind are named, but not found, or none. */
 function withoutFile(kind, named, frames, part, { where }) {
     const absent = named.filter((path, i) => path !== null && frames[i] && !frames[i][part]);
-    return absent.length ? [`${where}: ${absent.length} of its ${kind} have no file, the first ${absent[0]}`] : [];
+    const found = `${where}: ${absent.length} of its ${kind} have no file where it states`;
+    return absent.length ? [`${found}, the first ${absent[0]}`] : [];
+}
+
+/** Whether a file of another suffix than a photograph's is its mask or depth map: these often have its stem. */
+function isMaskOrDepth(file, fields, tree, bounds) {
+    const [own, stated] = [file.path, fields.text("file_path")].map((path) => path.split(".").at(-1).toLowerCase());
+    const others = own === stated ? [] : [fields.optionalText("mask_path"), depthPath(fields)[0]].filter(Boolean);
+    return others.some((path) => findMoved(tree, path, fields.where, bounds)?.path === file.path);
 }
 
 async function readFrame(fields, file, tree, bounds) {
@@ -155,5 +167,15 @@ function readLens(fields, bounds) {
         throw new Error(`${fields.where}: field '${other}' states another lens, ${expected}`);
     }
     const isFisheye = bounds.fisheye_models.includes(model) || fields.values.is_fisheye === true;
-    return lensOf(isFisheye, (name) => fields.optionalNumber(name));
+    // nerfstudio's list, or else a field each.
+    const listed = (fields.values.distortion_params ?? null) && fields.numbers("distortion_params", 6);
+    const valueOf = (name) => {
+        return listed ? listed[["k1", "k2", "k3", "k4", "p1", "p2"].indexOf(name)] : fields.optionalNumber(name);
+    };
+    const k4 = isFisheye || model === "FULL_OPENCV" || valueOf("k5") || valueOf("k6") ? 0 : valueOf("k4");
+    if (k4) {
+        const found = `the coefficient k4 is ${k4}, a fourth radial term, which OpenCV's lens does not have`;
+        throw new Error(`${fields.where}: ${found}: calibrate without it, or export undistorted photographs`);
+    }
+    return lensOf(isFisheye, valueOf);
 }
