@@ -83,6 +83,32 @@ def test_a_folder_stands_for_the_only_capture_in_it(tmp_path, write_transforms):
     assert lacks_poses(outer)  # its own photographs are meant
 
 
+@pytest.mark.parametrize(("beside", "is_hidden"), [(1, False), (9, False), (10, True), (30, True)])
+def test_previews_beside_the_only_capture(tmp_path, write_transforms, beside, is_hidden):
+    """As many photographs as it has are meant themselves: a capture may have been made of them."""
+    outer = tmp_path / "outer"
+    shutil.copytree(write_transforms(), outer / "unpacked/scan", ignore=shutil.ignore_patterns("outer"))
+    for number in range(beside):
+        Image.new("RGB", (4, 3)).save(outer / f"{number}.jpg")
+    assert lacks_poses(outer) == is_hidden
+    if not is_hidden:
+        assert open_capture(outer).warnings[0].endswith("using the one in it, unpacked/scan")
+        shutil.copytree(outer / "unpacked/scan", outer / "unpacked/again")
+        with pytest.raises(PocketGSError, match="holds 2 captures, unpacked/again, unpacked/scan: name one of them"):
+            open_capture(outer)
+
+
+def test_a_capture_of_the_photographs_beside_it(tmp_path, write_transforms):
+    """It holds none itself, as a model that another program wrote."""
+    outer = tmp_path / "outer"
+    shutil.copytree(write_transforms() / "images", outer)
+    (outer / "model").mkdir()
+    stated = (tmp_path / "transforms.json").read_text().replace("images/", "../")
+    (outer / "model/transforms.json").write_text(stated)
+    assert not lacks_poses(outer)
+    assert len(open_capture(outer).frames) == 10
+
+
 @pytest.mark.parametrize("name", ["absent", "nul\0", "x" * 5000])
 def test_paths_that_lead_nowhere(tmp_path, name):
     with pytest.raises(PocketGSError, match=r"no such file|cannot be read"):

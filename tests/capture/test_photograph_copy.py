@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import ExifTags, Image
+from PIL import ExifTags, Image, TiffImagePlugin
 
 from capture.photographs import PICTURE, on_its_side
 from pocketgs.capture.decoding.image_file import read_colour, read_header
@@ -49,6 +49,20 @@ def test_photographs_without_poses_are_placed_upright(tmp_path):
     assert np.abs(read_colour(placed / "c.JPG")[0].astype(int) - PICTURE[::-1, ::-1]).mean() < 4
     assert read_header(source / "b.jpg").orientation == 6
     assert source_masks(source, "found") == {}
+
+
+def test_copies_of_tiff_that_lies_on_its_side(tmp_path: Path) -> None:
+    """They are upright, and keep the focal length."""
+    stated = TiffImagePlugin.ImageFileDirectory_v2()
+    stated[ExifTags.Base.Orientation] = 6
+    stated[ExifTags.IFD.Exif] = {ExifTags.Base.FocalLengthIn35mmFilm: 26}
+    Image.fromarray(PICTURE).save(tmp_path / "a.tif", tiffinfo=stated)
+    place_photograph(tmp_path / "a.tif", tmp_path / "b.jpg")
+    with Image.open(tmp_path / "b.jpg") as copy:
+        assert (copy.format, copy.size) == ("JPEG", (48, 64))
+        assert np.abs(np.asarray(copy).astype(int) - np.rot90(PICTURE, -1)).mean() < 4
+        assert ExifTags.Base.Orientation not in copy.getexif()
+        assert copy.getexif().get_ifd(ExifTags.IFD.Exif)[ExifTags.Base.FocalLengthIn35mmFilm] == 26
 
 
 def test_copies_with_opaque_alpha_are_what_their_names_say(tmp_path: Path) -> None:

@@ -14,8 +14,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from capture.cut_off_video import film
 from capture.phone_layouts import with_quarter_turn
-from pocketgs.capture.decoding.video_file import read_frames, sharpest_frames, sharpness_of_frames, video_size
+from pocketgs.capture.decoding.video_file import (
+    early_end,
+    read_frames,
+    sharpest_frames,
+    sharpness_of_frames,
+    video_size,
+)
 from pocketgs.capture.sharpness import sharpest_in_windows, sharpness
 from pocketgs.errors import PocketGSError
 from pocketgs.results.video import write_video
@@ -141,6 +148,67 @@ def test_frames_end_where_the_video_is_damaged(tmp_path):
     assert [number_of(frame) for _, frame in read_frames(path, range(5))] == list(range(5))
     with pytest.raises(PocketGSError, match="frame 7 cannot be decoded, the video ends after 5 frames"):
         list(read_frames(path, [7]))
+
+
+def ninety_frames() -> list[np.ndarray]:
+    return [textured(number % COUNT) for number in range(90)]
+
+
+@pytest.mark.parametrize("name", ["walk.mp4", "walk.mkv"])
+@pytest.mark.parametrize("share", [1.0, 0.98, 0.5])
+def test_a_video_that_was_not_transferred_as_a_whole(tmp_path, name, share):
+    """A header that overstates by a few frames is no reason to warn."""
+    path, warnings = tmp_path / name, list[str]()
+    content = film(path, ninety_frames())
+    path.write_bytes(content[: int(share * len(content))])
+    read = len(sharpest_frames(path, 1000, warnings.append))
+    if share < 0.9:
+        assert 20 <= read <= 60
+        [warning] = warnings
+        assert f"{name}: is damaged or not there as a whole, and ends after {read} of 90 frames: copy it" in warning
+        assert " of 90 frames: copy it" in early_end(path)
+    else:
+        assert read >= 85
+        assert (warnings, early_end(path)) == ([], "")
+
+
+def test_damage_inside_a_video_is_told(tmp_path):
+    path, warnings = tmp_path / "walk.mp4", list[str]()
+    content = bytearray(film(path, ninety_frames(), "libx264"))
+    start = content.index(b"mdat") + (len(content) - content.index(b"mdat")) // 2
+    content[start : start + 3000] = np.random.default_rng(1).bytes(3000)
+    path.write_bytes(content)
+    read = len(sharpest_frames(path, 1000, warnings.append))
+    assert early_end(path) == ""
+    assert [f"ends after {read} of 90 frames" in warning for warning in warnings] == [True]
+
+
+def test_a_trimmed_video_is_whole(tmp_path):
+    """Phones leave the frames before the cut in the file, and let an edit list begin after them."""
+    path, warnings = tmp_path / "walk.mp4", list[str]()
+    content = bytearray(film(path, ninety_frames()))
+    first = content.index(b"elst") + 12
+    length, begin = struct.unpack(">ii", content[first : first + 8])
+    struct.pack_into(">ii", content, first, length // 3, begin + 2 * 30 * 512)
+    path.write_bytes(content)
+    assert len(sharpest_frames(path, 1000, warnings.append)) == 30
+    assert (warnings, early_end(path)) == ([], "")
+
+
+def test_a_cover_before_the_video(tmp_path):
+    path = tmp_path / "walk.mkv"
+    with av.open(str(path), "w") as file:
+        cover, stream = file.add_stream("mjpeg", rate=1), file.add_stream("mpeg4", rate=30)
+        for each, (width, height) in ((cover, (32, 24)), (stream, (WIDTH, HEIGHT))):
+            each.width, each.height = width, height
+            each.pix_fmt = "yuvj420p" if each is cover else "yuv420p"
+        file.mux(cover.encode(av.VideoFrame.from_ndarray(textured(0)[:24, :32].copy(), format="rgb24")))
+        for number in range(COUNT):
+            file.mux(stream.encode(av.VideoFrame.from_ndarray(textured(number), format="rgb24")))
+        file.mux([*cover.encode(None), *stream.encode(None)])
+    assert video_size(path) == (WIDTH, HEIGHT)
+    assert len(sharpness_of_frames(path)) == COUNT
+    assert early_end(path) == ""
 
 
 def test_a_lack_of_memory_is_not_the_end_of_a_video(video, monkeypatch):

@@ -157,9 +157,11 @@ def test_export_colmap(tmp_path: Path, pocketgs: Callable[..., Any], capture_fol
     assert "expected a new or empty folder" in again.errors
 
 
+@pytest.mark.parametrize("step", [0.001, 1.0])
 def test_export_colmap_with_the_poses_of_a_result(
-    tmp_path: Path, pocketgs: Callable[..., Any], capture_folder: Path
+    tmp_path: Path, pocketgs: Callable[..., Any], capture_folder: Path, step: float
 ) -> None:
+    """Points of another world than the poses' are left out."""
     outcome = pocketgs("export-colmap", capture_folder, tmp_path / "model", "--poses-of", tmp_path)
     assert outcome.status == 2
     assert "expected a result folder" in outcome.errors
@@ -169,14 +171,19 @@ def test_export_colmap_with_the_poses_of_a_result(
     (result / "run.json").write_text("{}")
     capture = open_capture(capture_folder)
     moved = np.eye(4)
-    moved[:3, 3] = [1, 2, 3]
+    moved[:3, 3] = np.multiply([1, 2, 3], step)
     frames = [
         replace(frame, camera=replace(frame.camera, world_to_camera=frame.camera.world_to_camera @ moved))
         for frame in capture.frames
     ]
     write_cameras(result / "cameras.json", frames, refined=True)
     outcome = pocketgs("export-colmap", capture_folder, tmp_path / "model", "--poses-of", result)
-    assert (outcome.status, outcome.errors) == (0, "")
+    points, warning = (
+        ("2,000", "") if step < 1 else ("0", f"warning: {result}: the capture's points do not fit its poses")
+    )
+    assert (outcome.status, outcome.errors[: len(warning)]) == (0, warning)
+    assert bool(outcome.errors) == bool(warning)
+    assert f"8 images and cameras, {points} points" in outcome.output
     found = sorted(open_capture(tmp_path / "model").frames, key=lambda frame: frame.name)
     for one, other in zip(found, sorted(frames, key=lambda frame: frame.name), strict=True):
         np.testing.assert_allclose(one.camera.world_to_camera, other.camera.world_to_camera, atol=1e-9)

@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from capture.cut_off_video import write_cut_off
+
 
 @pytest.fixture
 def photographs(tmp_path: Path) -> Path:
@@ -43,6 +45,15 @@ def test_damaged_photographs_alone(pocketgs: Callable[..., Any], tmp_path: Path)
     outcome = pocketgs("info", tmp_path)
     assert outcome.status == 0
     assert "1 photograph without poses\nsizes in pixels: none\nEXIF: none; " in outcome.output
+
+
+def test_a_video_that_was_cut_off(pocketgs: Callable[..., Any], tmp_path: Path) -> None:
+    video = tmp_path / "walk.mp4"
+    write_cut_off(video)
+    [size, warning, _] = pocketgs("info", video).output.splitlines()
+    assert size == "walk: a video of 64x48 pixels, without poses"
+    assert warning.startswith(f"warning: {video}: is damaged or not there as a whole, and ends after ")
+    assert " of 90 frames: copy it from the camera again" in warning
 
 
 def test_a_video(pocketgs: Callable[..., Any], tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ import pillow_heif
 import pytest
 from PIL import Image
 
+from capture.cut_off_video import write_cut_off
 from capture.photographs import PICTURE, on_its_side
 from pocketgs.errors import PocketGSError
 from pocketgs.structure_from_motion.images import gather, source_files
@@ -68,6 +69,14 @@ def test_formats_go_by_content(tmp_path: Path) -> None:
     assert {Image.open(path).format for path in copies.values()} == {"JPEG"}
 
 
+def test_a_video_that_was_cut_off_is_told(tmp_path: Path) -> None:
+    video, warnings = tmp_path / "walk.mp4", list[str]()
+    write_cut_off(video)
+    gather(video, tmp_path / "images", PoseOptions(), 2, lambda done, of: None, warnings.append)
+    frames = len(list((tmp_path / "images").iterdir()))
+    assert [f"ends after {frames} of 90 frames" in warning for warning in warnings] == [True]
+
+
 @pytest.mark.parametrize(
     ("names", "said"),
     [
@@ -82,4 +91,10 @@ def test_what_is_there_instead_of_photographs(tmp_path: Path, names: list[str], 
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).touch()
     with pytest.raises(PocketGSError, match=rf"0 photographs; .*{said}, expected a video or a folder"):
+        source_files(tmp_path)
+
+
+def test_a_single_photograph(tmp_path: Path) -> None:
+    Image.fromarray(PICTURE).save(tmp_path / "a.jpg")
+    with pytest.raises(PocketGSError, match="1 photograph, expected a video or a folder with at least 3"):
         source_files(tmp_path)

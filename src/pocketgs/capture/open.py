@@ -187,19 +187,40 @@ def located(path: Path) -> Path:
     """The path itself, or, if it is not a capture, the only folder or .r3d file in it that is one.
 
     Unpacking an archive often creates a folder that contains only the capture's folder. It may lie a level deeper too.
+    Pictures beside it are previews or notes, unless they are as many as its own.
 
     Raises:
         PocketGSError: there are several.
         OSError: a folder cannot be read.
     """
-    if not path.is_dir() or holds_capture(path) or find_photographs_in(path):
+    if not path.is_dir() or holds_capture(path):
         return path
-    inner = _inside(path)
-    captures = list(filter(holds_capture, inner)) or list(filter(holds_capture, chain(*map(_inside, inner))))
+    beside = len(find_photographs_in(path))
+    try:
+        captures = _captures_in(path)
+        if beside and not any(_has_more_than(beside, capture) for capture in captures):
+            return path
+    except OSError:
+        if beside:  # these can be read
+            return path
+        raise
     if len(captures) > 1 and not find_photographs_in(path / USUAL_FOLDER):
         names = listed([relative_name(found, path) for found in captures], MAX_NAMES)
         raise PocketGSError(f"{path}: holds {len(captures)} captures, {names}: name one of them")
     return captures[0] if len(captures) == 1 else path
+
+
+def _captures_in(path: Path) -> list[Path]:
+    """The captures in a folder, or else those a level deeper."""
+    inner = _inside(path)
+    return list(filter(holds_capture, inner)) or list(filter(holds_capture, chain(*map(_inside, inner))))
+
+
+def _has_more_than(number: int, capture: Path) -> bool:
+    """Whether a folder of a capture holds more pictures, or none does: its photographs are in a video or elsewhere."""
+    inner = _inside(capture)
+    most = max(len(find_photographs_in(folder)) for folder in (capture, *inner, *chain(*map(_inside, inner))))
+    return most == 0 or most > number
 
 
 def _inside(path: Path) -> list[Path]:

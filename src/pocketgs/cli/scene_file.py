@@ -171,11 +171,13 @@ def warn(scene: Path, warning: str) -> None:
 def in_world_of(path: Path, capture: Capture) -> Capture:
     """The capture with the poses that the scene was trained with, if they differ from the capture's.
 
+    Without the photographs that the scene's run has left out; a warning names them.
+
     Raises:
         PocketGSError: they cannot be read.
     """
     cameras = folder_of(path) / CAMERAS
-    return with_poses_of(capture, cameras) if holds_cameras(cameras) else capture
+    return with_poses_of(capture, cameras, partial(warn, path)) if holds_cameras(cameras) else capture
 
 
 def as_trained_on(path: Path, capture: Capture) -> Capture:

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from pocketgs.capture.decoding.image_file import UndecodableImageError, read_image
-from pocketgs.capture.decoding.video_file import video_size
+from pocketgs.capture.decoding.video_file import early_end, video_size
 from pocketgs.capture.open import capture_name
 from pocketgs.capture.unposed import find_photographs, is_video
 from pocketgs.errors import counted, listed
@@ -25,6 +25,7 @@ def unposed_lines(path: Path) -> list[str]:
     if is_video(path):
         width, height = video_size(path)
         described = [f"{capture_name(path)}: a video of {width}x{height} pixels, without poses"]
+        described += [f"warning: {warning}"] if (warning := early_end(path)) else []
     else:
         described = _photograph_lines(path)
     return [*described, "train finds poses by structure from motion, and so does pose"]

@@ -61,7 +61,7 @@ def inside(folder: Path, name: str, named_in: str) -> Path:
 def _may_hold_both(file: Path, folder: Path) -> bool:
     """Whether a capture may be read from the closest folder around a file and a folder.
 
-    Photographs directly in that would be taken for a capture without poses.
+    Photographs directly in that could be taken for a capture without poses.
     """
     file, folder = file.absolute(), folder.absolute()
     both = os.path.commonpath([file, folder])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -13,7 +13,7 @@ import numpy as np
 
 from pocketgs.capture.capture import Capture, Frame
 from pocketgs.capture.origin import Origin, with_origin
-from pocketgs.errors import PocketGSError, clipped
+from pocketgs.errors import PocketGSError, clipped, counted, listed
 from pocketgs.files.atomic_file import replacing
 from pocketgs.files.journal import settle
 from pocketgs.files.json_fields import read_json
@@ -27,6 +27,16 @@ SAME_POSE = 1e-4
 
 ONE_PLACE = 1e-6
 """Cameras that are spread by less, relative to their distance from the origin, are in one place."""
+
+SAME_WORLD = 0.1
+"""Poses lie in the world of the capture's points if refining moved them by at most this share of the cameras' spread.
+
+Adjusted poses move by a few thousandths to hundredths, so that the points still make a good start for other trainers;
+poses that were stated inverted, by more than half.
+"""
+
+MAX_NAMES = 8
+"""Maximum number of names in a warning."""
 
 
 @dataclass(frozen=True)
@@ -68,6 +78,17 @@ class SavedCameras:
     def shows(self, frame: Frame) -> bool:
         """Whether a frame's camera is here, by its name and its pose. Others may have photographs of the same names."""
         return frame.name in self.at_pose_of(frame)
+
+    def lacks(self, frames: Sequence[Frame]) -> list[Frame]:
+        """The frames whose cameras are not here, by name, or by pose if all have other names, as in another folder."""
+        if any(frame.name in self.cameras for frame in frames):
+            return [frame for frame in frames if frame.name not in self.cameras]
+        return [frame for frame in frames if not self.at_pose_of(frame)]
+
+    def share_moved(self, frames: Sequence[Frame]) -> float:
+        """Median distance of frames with these names from the cameras here, as a share of the cameras' spread."""
+        distances = [np.linalg.norm(frame.camera.centre - self.cameras[frame.name].centre) for frame in frames]
+        return float(np.median(distances)) / self._spread
 
     def moved(self, frames: Sequence[Frame]) -> list[str]:
         """Names of the frames that have other poses than the cameras of these names."""
@@ -115,11 +136,16 @@ def holds_cameras(path: Path) -> bool:
         return not file.read(1000).lstrip("\ufeff \t\r\n").startswith("[")
 
 
-def with_poses_of(capture: Capture, path: Path) -> Capture:
+def with_poses_of(capture: Capture, path: Path, on_warning: Callable[[str], None] = lambda warning: None) -> Capture:
     """The capture with the origin of a cameras file, and with its poses if they are refined.
 
-    Frames that are not in the file keep their poses. Intrinsics stay the capture's: it may have been read at another
-    size.
+    Frames that the run has left out, as those are whose poses the others contradict, are left out here too, and so are
+    points of another world than the poses'. Intrinsics stay the capture's: it may have been read at another size.
+
+    Args:
+        capture: as read.
+        path: the file.
+        on_warning: called if frames are left out.
 
     Raises:
         PocketGSError: the file cannot be read, or names no frame of the capture, or the capture is the one that it was
@@ -127,22 +153,45 @@ def with_poses_of(capture: Capture, path: Path) -> Capture:
     """
     saved = read_cameras(path)
     capture = with_origin(capture, saved.origin)
-    if not saved.refined:
-        if _was_made_of(path.parent, capture):
-            _require_same_poses(capture, saved, path)
+    if saved.refined:
+        return _with_refined_poses(capture, saved, path, on_warning)
+    if not _was_made_of(path.parent, capture):
         return capture
-    if not any(frame.name in saved.cameras for frame in capture.frames):
+    _require_same_poses(capture, saved, path)
+    # Held-out frames that are new are in the scene's world, as all others are.
+    lost = saved.lacks(capture.train)
+    return capture if len(lost) == len(capture.train) else _without(capture, lost, on_warning)
+
+
+def _with_refined_poses(
+    capture: Capture, saved: SavedCameras, path: Path, on_warning: Callable[[str], None]
+) -> Capture:
+    """The capture in the world of refined poses, in which only the frames of the file have a place."""
+    known = [frame for frame in capture.frames if frame.name in saved.cameras]
+    if not known:
         trained, read = next(iter(saved.cameras), "none"), capture.frames[0].name
         raise PocketGSError(
             f"{path}: names no frame of {capture.path}, expected the capture that it was written for, read with the "
             f"same options, such as --images: its first frame is {trained}, the capture's {read}"
         )
+    if capture.points is not None and saved.share_moved(known) > SAME_WORLD:
+        capture = replace(capture, points=None)
     posed = {
-        frame.name: replace(frame.camera, world_to_camera=saved.cameras[frame.name].world_to_camera)
-        for frame in capture.frames
-        if frame.name in saved.cameras
+        frame.name: replace(frame.camera, world_to_camera=saved.cameras[frame.name].world_to_camera) for frame in known
     }
-    return capture.with_refined_poses(posed)
+    return _without(capture, saved.lacks(capture.frames), on_warning).with_refined_poses(posed)
+
+
+def _without(capture: Capture, lost: list[Frame], on_warning: Callable[[str], None]) -> Capture:
+    """The capture without some of its frames; a warning names them."""
+    if not lost:
+        return capture
+    names = [frame.name for frame in lost]
+    found = counted(len(names), "photograph takes", "photographs take")
+    added = "to use any that were added since, train again"
+    on_warning(f"{found} no part, as in its run: {listed(names, MAX_NAMES)}; {added}")
+    train, held_out = ([f for f in frames if f.name not in names] for frames in (capture.train, capture.held_out))
+    return replace(capture, train=train, held_out=held_out)
 
 
 def _was_made_of(result: Path, capture: Capture) -> bool:

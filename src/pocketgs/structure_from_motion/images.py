@@ -14,7 +14,7 @@ from pocketgs.capture.masks import FOUND, NONE, find_masks
 from pocketgs.capture.photograph_copy import names_of_copies, place_masks, place_photograph
 from pocketgs.capture.unposed import find_photographs, is_video
 from pocketgs.capture.unrecognised import what_is_there
-from pocketgs.errors import PocketGSError
+from pocketgs.errors import PocketGSError, counted
 from pocketgs.files.paths import IMAGE_SUFFIXES, relative_name
 from pocketgs.structure_from_motion.folder import MASKS
 from pocketgs.structure_from_motion.options import PoseOptions
@@ -37,10 +37,9 @@ def source_files(source: Path) -> list[Path]:
     photographs = find_photographs(source)
     if len(photographs) < FEWEST:
         kinds, found = ", ".join(sorted(IMAGE_SUFFIXES)), what_is_there(source)
-        raise PocketGSError(
-            f"{source}: {len(photographs)} photographs{found and '; '}{found}, expected a video or a folder with at "
-            f"least {FEWEST} ({kinds})"
-        )
+        count = counted(len(photographs), "photograph", "photographs")
+        expected = f"expected a video or a folder with at least {FEWEST} ({kinds})"
+        raise PocketGSError(f"{source}: {count}{found and '; '}{found}, {expected}")
     return photographs
 
 
@@ -85,7 +84,7 @@ def gather(
         options: the maximum number of frames of a video, and which masks to use.
         threads: number of threads.
         on_count: called with the number of images done.
-        on_warning: called if masks that nobody named cannot be decoded.
+        on_warning: called if masks that nobody named cannot be decoded, or a video ends early.
 
     Returns:
         Names of the photographs that are left out because they cannot be decoded. Those that are copied without being
@@ -97,7 +96,7 @@ def gather(
     files = source_files(source)
     folder.mkdir()
     if is_video(source):
-        _extract(source, folder, options.most_frames, on_count)
+        _extract(source, folder, options.most_frames, on_count, on_warning)
         return []
     names = names_of_copies(list(headers_of(files)))
     whole = each(list(names), lambda path: _is_placed(path, folder / names[path]), threads, on_count)
@@ -119,8 +118,8 @@ def _is_placed(photograph: Path, target: Path) -> bool:
     return True
 
 
-def _extract(video: Path, folder: Path, most_frames: int, on_count: Count) -> None:
-    chosen = sharpest_frames(video, most_frames)
+def _extract(video: Path, folder: Path, most_frames: int, on_count: Count, on_warning: Callable[[str], None]) -> None:
+    chosen = sharpest_frames(video, most_frames, on_warning)
     if len(chosen) < FEWEST:
         raise PocketGSError(f"{video}: {len(chosen)} frames, expected at least {FEWEST}")
     for done, (index, frame) in enumerate(read_frames(video, chosen), start=1):

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 VIDEO_SUFFIXES = frozenset({".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm", ".3gp"})
 DECODING = 40
 """Bytes per pixel while a frame is decoded: its planes, the reference frames, and its colours, of 16 bits for HDR."""
+
+ENOUGH = 0.9
+"""Share of the time that a video states, above which its file is taken to be whole. Headers are not exact."""
 
 OF_RGB, FULL_RANGE = 0, 2
 """Numbers of the matrix and of the range of RGB (ITU-T H.273)."""
@@ -99,8 +102,25 @@ def read_frames(path: Path, indices: Sequence[int], *, upright: bool = True) -> 
             yield index, video.pixels(frame, upright)
 
 
-def sharpest_frames(path: Path, count: int) -> list[int]:
+def early_end(path: Path) -> str:
+    """What to say of a video whose file ends before it, as when a transfer broke off; empty if it is whole.
+
+    Nothing is decoded: damage inside is found by `sharpest_frames`.
+
+    Raises:
+        PocketGSError: the file is missing or not a readable video.
+    """
+    extent = _extent(path)
+    return "" if extent.is_whole else _ending(path, extent.frames, extent.stated)
+
+
+def sharpest_frames(path: Path, count: int, on_warning: Callable[[str], None] = lambda warning: None) -> list[int]:
     """Divide a video into `count` equal windows and choose the sharpest frame of each.
+
+    Args:
+        path: the video.
+        count: number of windows.
+        on_warning: called if the video is damaged, or ends early: only what comes before is divided.
 
     Returns:
         Frame numbers, ascending; all if the video has no more than `count`.
@@ -108,7 +128,11 @@ def sharpest_frames(path: Path, count: int) -> list[int]:
     Raises:
         PocketGSError: the file is not a readable video, or `count` is below 1.
     """
-    return sharpest_in_windows(sharpness_of_frames(path), count)
+    values, is_damaged = _sharpness(path)
+    extent = _extent(path)
+    if not extent.is_whole or (is_damaged and not 0 < extent.stated <= len(values)):
+        on_warning(_ending(path, len(values), extent.stated))
+    return sharpest_in_windows(values, count)
 
 
 def sharpness_of_frames(path: Path) -> list[float]:
@@ -117,19 +141,71 @@ def sharpness_of_frames(path: Path) -> list[float]:
     Raises:
         PocketGSError: the file is not a readable video.
     """
+    return _sharpness(path)[0]
+
+
+def _sharpness(path: Path) -> tuple[list[float], bool]:
+    """Sharpness of every frame, and whether damage ended them."""
     with _decoded(path) as video:
         values = [sharpness(_brightness(frame)) for frame in video.frames]
+        is_damaged = bool(video.damage)
     if not values:
         raise PocketGSError(f"{path}: no frame can be decoded, expected a video")
-    return values
+    return values, is_damaged
+
+
+@dataclass(frozen=True)
+class _Extent:
+    """How much of a video is in its file.
+
+    Attributes:
+        frames: their number, decodable or not.
+        stated: the number in the whole video, nearly; 0 if unknown.
+        is_whole: whether they fill the time that the file states. (Frames may be fewer: of a trimmed video, hidden ones
+            count too.)
+    """
+
+    frames: int
+    stated: int
+    is_whole: bool
+
+
+def _extent(path: Path) -> _Extent:
+    import av
+
+    with _opened(path) as file:
+        stream = _video_in(file, path)
+        stated, watched = float((stream.duration or 0) * (stream.time_base or 0)), [stream]
+        if not stated:  # as in Matroska, whose files state the time of their longest stream
+            stated, watched = (file.duration or 0) / av.time_base, []
+        frames, times = 0, list[float]()
+        for packet in _until_damage(file.demux(*watched), []):
+            frames += packet.size > 0 and packet.stream.index == stream.index
+            begin = packet.dts if packet.pts is None else packet.pts
+            if begin is not None:
+                times += [float(when * packet.time_base) for when in (begin, begin + (packet.duration or 0))]
+        whole = round(stated * float(stream.average_rate or 0)) or stream.frames
+    return _Extent(frames, whole, max(times, default=0.0) - min(times, default=0.0) >= ENOUGH * stated)
+
+
+def _ending(path: Path, frames: int, stated: int) -> str:
+    found = f"{frames} of {stated}" if stated > frames else f"{frames}"
+    return f"{path}: is damaged or not there as a whole, and ends after {found} frames: copy it from the camera again"
 
 
 @dataclass(frozen=True)
 class _DecodedVideo:
-    """A video's frames in the order in which they are shown, and the stream that they come from."""
+    """A video while it is decoded.
+
+    Attributes:
+        stream: the one that frames come from.
+        frames: in the order in which they are shown.
+        damage: what ended them before the video's end, if anything did so far.
+    """
 
     stream: av.VideoStream
     frames: Iterator[av.VideoFrame]
+    damage: list[av.FFmpegError]
 
     def pixels(self, frame: av.VideoFrame, upright: bool) -> np.ndarray:
         """(H, W, 3) uint8 sRGB."""
@@ -182,24 +258,41 @@ def _opened(path: Path) -> Iterator[av.container.InputContainer]:
 @contextmanager
 def _decoded(path: Path) -> Iterator[_DecodedVideo]:
     with _opened(path) as file:
-        stream = next(iter(file.streams.video), None)
-        if stream is None or stream.codec_context is None:  # without a codec, FFmpeg has no decoder
-            raise PocketGSError(f"{path}: cannot be opened as a video")
+        stream = _video_in(file, path)
         width, height = stream.codec_context.width, stream.codec_context.height
         require_memory(path, DECODING * width * height, f"frames of {width}x{height} pixels")
         stream.thread_type = "AUTO"
-        yield _DecodedVideo(stream, _frames(file, stream))
+        damage = list[Any]()
+        yield _DecodedVideo(stream, _until_damage(_of_one_size(file.decode(stream)), damage), damage)
 
 
-def _frames(file: av.container.InputContainer, stream: av.VideoStream) -> Iterator[av.VideoFrame]:
-    """Decode until the end, or until something is damaged: after it, frames would have wrong numbers."""
+def _video_in(file: av.container.InputContainer, path: Path) -> av.VideoStream:
+    """The stream to decode: some files have a preview or a cover before it."""
     import av
 
-    size: tuple[int, int] | None = None
+    stream = file.streams.best("video")
+    if not isinstance(stream, av.VideoStream) or stream.codec_context is None:  # without a codec, FFmpeg has no decoder
+        raise PocketGSError(f"{path}: cannot be opened as a video")
+    return stream
+
+
+Part = TypeVar("Part")
+
+
+def _until_damage(parts: Iterator[Part], damage: list[av.FFmpegError]) -> Iterator[Part]:
+    """Packets or frames until the end, or until something is damaged: after it, frames would have wrong numbers."""
+    import av
+
     try:
-        for frame in file.decode(stream):
-            size = size or (frame.width, frame.height)
-            yield frame if (frame.width, frame.height) == size else frame.reformat(*size)
+        yield from parts
     except av.FFmpegError as error:
         if isinstance(error, MemoryError):  # not the video's fault
             raise
+        damage.append(error)
+
+
+def _of_one_size(frames: Iterator[av.VideoFrame]) -> Iterator[av.VideoFrame]:
+    size: tuple[int, int] | None = None
+    for frame in frames:
+        size = size or (frame.width, frame.height)
+        yield frame if (frame.width, frame.height) == size else frame.reformat(*size)

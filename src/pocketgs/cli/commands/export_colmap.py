@@ -10,10 +10,15 @@ import tyro
 from pocketgs.capture.colmap_export import export_capture
 from pocketgs.capture.options import CaptureOptions
 from pocketgs.cli.capture_options import read_capture
-from pocketgs.cli.scene_file import capture_of, in_world_of, names_scene
+from pocketgs.cli.scene_file import capture_of, in_world_of, names_scene, warn
 from pocketgs.cli.terminal import Terminal
 from pocketgs.errors import PocketGSError
 from pocketgs.files.memory_bound import DEFAULT_MB, memory_bound
+
+NO_POINTS = (
+    "the capture's points do not fit its poses as they were read, and are left out: start other trainers from random "
+    "points, or from scene.ply"
+)
 
 
 def export_colmap(
@@ -37,7 +42,10 @@ def export_colmap(
     with memory_bound(max_memory):
         opened = read_capture(capture if poses_of is None else capture_of(poses_of, capture), reading)
     if poses_of is not None:
+        own = opened.points
         opened = in_world_of(poses_of, opened)
+        if own is not None and opened.points is None:
+            warn(poses_of, NO_POINTS)
     export_capture(output, opened)
     points = 0 if opened.points is None else len(opened.points)
     said = f"{len(opened.frames)} images and cameras, {points:,} points in {output} ({opened.protocol})"
