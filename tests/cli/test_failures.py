@@ -188,7 +188,9 @@ def test_options_of_another_format(
     assert not (tmp_path / output).exists()
 
 
-def test_output_that_cannot_be(refused: Callable[..., str], written_capture: Path, result: Path) -> None:
+def test_output_that_cannot_be(
+    refused: Callable[..., str], written_capture: Path, result: Path, tmp_path: Path
+) -> None:
     file = result / "scene.ply"
     assert "cannot be written to (Not a directory)" in refused("train", written_capture, "--output", file)
     assert "Not a directory" in refused("train", written_capture, "--output", file / "below")
@@ -197,6 +199,8 @@ def test_output_that_cannot_be(refused: Callable[..., str], written_capture: Pat
     for option in (["--json", "."], ["--json", file / "a.json"], ["--json", result], ["--pictures", file]):
         refused("eval", result, written_capture, *option)
     assert "cannot be written to" in refused("eval", result, written_capture, "--pictures", file / "below")
+    both = ["--pictures", tmp_path / "both", "--json", tmp_path / "both"]
+    assert "expected a folder and a file" in refused("eval", result, written_capture, *both)
 
 
 def test_no_scene(refused: Callable[..., str], written_capture: Path, tmp_path: Path) -> None:

@@ -46,6 +46,8 @@ def evaluate(
     console = Terminal()
     if json:
         check_place(json, FIGURES, [scene, capture])
+    if json and pictures and json.resolve() == pictures.resolve():
+        raise PocketGSError(f"{json}: named by both --pictures and --json, expected a folder and a file")
     with memory_bound(engine.max_memory):
         renderer, gaussians = drawn_by(scene, engine)
         opened = in_world_of(scene, read_for(scene, capture, reading))
