@@ -40,12 +40,15 @@ def test_a_folder_of_ones_own_is_read_as_asked(data: Path, tmp_path: Path) -> No
     assert fern.flags == ("--images", "images_8")
 
 
-def test_two_captures_of_one_name_are_refused(data: Path, tmp_path: Path) -> None:
+def test_names_that_do_not_tell_results_apart_are_refused(data: Path, tmp_path: Path) -> None:
     gardens = [tmp_path / place / "garden" for place in ("here", "there")]
     for garden in gardens:
         garden.mkdir(parents=True)
     with pytest.raises(PocketGSError, match="'garden': named twice"):
         captures_named(tuple(map(str, gardens)), known_captures(data, data / "demo"))
+    (tmp_path / ".hidden").mkdir()
+    with pytest.raises(PocketGSError, match="hidden': its name begins with a dot"):
+        captures_named((str(tmp_path / ".hidden"),), known_captures(data, data / "demo"))
     with pytest.raises(PocketGSError, match="'fern': named twice"):
         captures_named(("fern", "fern"), known_captures(data, data / "demo"))
 

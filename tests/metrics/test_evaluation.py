@@ -142,6 +142,9 @@ def test_colour_correction_leaves_the_background_of_an_object_alone(photo: np.nd
     tinted = np.where(visible[..., None], cut, np.float32(0.1))
     assert cc_psnr(tinted, cut, None, visible) == pytest.approx(psnr(tinted, cut), abs=1e-3)
     assert cc_psnr(tinted, cut, visible, visible) > 60
+    for other in (visible[:3], visible[..., None], visible.astype(np.uint8)):
+        with pytest.raises(PocketGSError, match="visible is"):
+            cc_psnr(tinted, cut, None, other)
 
 
 def test_flip_grows_with_the_error(photo: np.ndarray) -> None:

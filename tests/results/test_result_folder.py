@@ -21,9 +21,18 @@ from pocketgs.capture.capture import Frame
 from pocketgs.errors import PocketGSError
 from pocketgs.files.memory_bound import memory_bound
 from pocketgs.files.plain_names import plain_names
-from pocketgs.results.checkpoint import CHECKPOINT, TRAINING_CAMERAS, UNFINISHED, read_checkpoint, write_checkpoint
+from pocketgs.geometry.lens import Lens
+from pocketgs.results.checkpoint import (
+    CHECKPOINT,
+    INTRINSICS,
+    TRAINING_CAMERAS,
+    UNFINISHED,
+    is_checkpoint,
+    read_checkpoint,
+    write_checkpoint,
+)
 from pocketgs.results.folder import claimed_for_run, publishing, write_json, write_side_by_side
-from pocketgs.results.identity import digest_of_cameras, identity_of
+from pocketgs.results.identity import digest_of_cameras, digest_of_intrinsics, identity_of
 from pocketgs.results.reporter import Reporter
 from pocketgs.results.run import run
 from pocketgs.scene.gaussians import PARAMETERS, SH_COEFFICIENTS, Gaussians
@@ -326,6 +335,33 @@ def test_the_newest_checkpoint_goes_first(tmp_path: Path, checkpoint: Checkpoint
     assert read_checkpoint(tmp_path, {}).iteration == 2000
     os.utime(tmp_path / UNFINISHED, (3000, 3000))
     assert read_checkpoint(tmp_path, {}).iteration == 1000
+
+
+def test_copies_with_new_times_lose_no_iterations(tmp_path: Path, checkpoint: Checkpoint) -> None:
+    """A finished run that went on and was killed is copied: the checkpoint of its first end may be the newer file."""
+    for seconds, name, iteration in ((1000, UNFINISHED, 90), (2000, CHECKPOINT, 20)):
+        write_checkpoint(tmp_path / name, replace(checkpoint, iteration=iteration), RUN)
+        os.utime(tmp_path / name, (seconds, seconds))
+    assert read_checkpoint(tmp_path, RUN).iteration == 90
+
+
+def test_a_checkpoint_is_known_without_memory_for_it(tmp_path: Path) -> None:
+    write_checkpoint(tmp_path / UNFINISHED, make_checkpoint(4000, 3), RUN)
+    with memory_bound(1):
+        assert is_checkpoint(tmp_path / UNFINISHED)
+
+
+def test_other_lenses_are_another_run(tmp_path: Path, checkpoint: Checkpoint, small_capture: Capture) -> None:
+    frames = small_capture.train
+    half = [Frame(frame.name, frame.camera.resized(48, 36), frame.image[::2, ::2]) for frame in frames]
+    longer = [replace(frame, camera=replace(frame.camera, fx=1.3 * frame.camera.fx)) for frame in frames]
+    distorted = [replace(frame, camera=replace(frame.camera, lens=Lens("opencv", (0.01, 0.0, 0.0, 0.0)))) for frame in frames]
+    same, smaller, *others = map(digest_of_intrinsics, (frames, half, longer, distorted))
+    assert same == smaller
+    write_checkpoint(tmp_path / CHECKPOINT, checkpoint, {**RUN, INTRINSICS: same})
+    for other in others:
+        with pytest.raises(PocketGSError, match="belongs to a run on other focal lengths or lenses; expected"):
+            read_checkpoint(tmp_path, {**RUN, INTRINSICS: other})
 
 
 @pytest.mark.parametrize(

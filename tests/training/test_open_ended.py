@@ -157,6 +157,16 @@ def test_a_view_that_is_dropped_after_the_listing_leaves_validation_views() -> N
         assert len(found.views(0)) == views - 2
 
 
+def test_too_few_views_for_validation_train_as_long_as_a_run_of_given_length() -> None:
+    """Most views may be masked whole."""
+    frames: Any = [None] * 5
+    found = OpenEndedPace(1000, 3000, None, RATES, frames, (0.0, 0.0, 0.0), 1000, None)
+    assert len(found.views(0)) == 5
+    assert found.next_growth(1) == 500
+    assert run(found) == found.iterations == 1000
+    assert found.history.samples == ()
+
+
 def test_a_resumed_run_counts_its_time_from_the_last_look(psnrs: list[float]) -> None:
     """So that the gain per minute is that of training, not of the time since it was resumed."""
     psnrs.append(20.5)

@@ -114,13 +114,16 @@ def captures_named(
         own_flags: of `pocketgs train`, for reading a user's own captures.
 
     Raises:
-        PocketGSError: one is neither known nor a folder, or is missing, or has the name of another; or flags are given
-            and all captures are known ones.
+        PocketGSError: one is neither known nor a folder, is missing or hidden, or has the name of another; or flags are
+            given and all captures are known ones.
     """
     chosen = [_named(name, known, own_flags) for name in names] or [it for it in known.values() if it.is_there]
     twice = {capture.name for capture in chosen if [other.name for other in chosen].count(capture.name) > 1}
     if twice:
         raise PocketGSError(f"capture {sorted(twice)[0]!r}: named twice, expected names that tell results apart")
+    hidden = [capture.name for capture in chosen if capture.name.startswith(".")]
+    if hidden:
+        raise PocketGSError(f"capture {hidden[0]!r}: its name begins with a dot, as hidden files do: rename its folder")
     if own_flags and all(capture in known.values() for capture in chosen):
         expected = "expected a folder of your own: known captures are read as published results read them"
         raise PocketGSError(f"{' '.join(own_flags)}: not for {', '.join(it.name for it in chosen)}, {expected}")

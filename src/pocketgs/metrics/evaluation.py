@@ -194,6 +194,7 @@ def cc_psnr(
             [0, 1].
     """
     _check(rendered, photo, mask)
+    _check_of_pixels("visible", visible, photo)
     if visible is None:
         return psnr(colour_corrected(rendered, photo, mask), photo, mask)
     corrected = colour_corrected(rendered, photo, visible if mask is None else visible & mask)
@@ -268,7 +269,13 @@ def _check(rendered: np.ndarray, photo: np.ndarray, mask: np.ndarray | None) -> 
         raise PocketGSError(f"photo has values from {photo.min():g} to {photo.max():g}, expected RGB in [0, 1]")
     if rendered.shape != photo.shape:
         raise PocketGSError(f"rendered image has shape {rendered.shape}, the photo {photo.shape}: expected the same")
-    if mask is not None and (mask.shape != photo.shape[:2] or mask.dtype != np.bool_):
-        raise PocketGSError(f"mask is {mask.dtype} of shape {mask.shape}, expected bool of shape {photo.shape[:2]}")
+    _check_of_pixels("mask", mask, photo)
     if mask is not None and not mask.any():
         raise PocketGSError("mask is empty, expected at least one pixel to compare")
+
+
+def _check_of_pixels(label: str, chosen: np.ndarray | None, photo: np.ndarray) -> None:
+    if chosen is not None and (chosen.shape != photo.shape[:2] or chosen.dtype != np.bool_):
+        raise PocketGSError(
+            f"{label} is {chosen.dtype} of shape {chosen.shape}, expected bool of shape {photo.shape[:2]}"
+        )

@@ -37,6 +37,9 @@ SH_DEGREE = "SH degree"
 TRAINING_CAMERAS = "training cameras"
 """Key of the digest of the training views' names and poses, as the capture's files give them."""
 
+INTRINSICS = "intrinsics"
+"""Key of the digest of the training views' focal lengths, principal points and lenses."""
+
 STATISTICS = tuple(field.name for field in fields(Statistics))
 
 SECONDS_BETWEEN_CHECKPOINTS = 60.0
@@ -97,8 +100,8 @@ def _arrays(path: Path, *names: str) -> Iterator[Any]:
 def is_checkpoint(path: Path) -> bool:
     """Whether a file is a checkpoint that `write_checkpoint` wrote."""
     try:
-        with _arrays(path) as data:
-            return {"run", "first_moments", *PARAMETERS} <= set(data)
+        with zipfile.ZipFile(path) as archive:
+            return {"run", "first_moments", *PARAMETERS} <= {Path(name).stem for name in archive.namelist()}
     except Exception:  # other files fail in many ways
         return False
 
@@ -183,13 +186,14 @@ def _require_same_run(path: Path, written: dict[str, Any], run: dict[str, Any]) 
         PocketGSError: something in `run` is not as it was written.
     """
     differing = {key: value for key, value in run.items() if written.get(key) != value}
-    other_cameras = differing.pop(TRAINING_CAMERAS, None)
+    others = {key for key in (TRAINING_CAMERAS, INTRINSICS) if differing.pop(key, None)}
     for key, value in differing.items():
         raise PocketGSError(f"{path}: belongs to a run with {key} {written.get(key)!r}, but this one has {value!r}")
-    if other_cameras and TRAINING_CAMERAS in written:  # older checkpoints have none
+    if not others.isdisjoint(written):  # older checkpoints have none
+        what = "other photographs, or on other poses or another order of these"
         raise PocketGSError(
-            f"{path}: belongs to a run on other photographs, or on other poses or another order of these; expected the "
-            "capture that it was trained on, or another --output without --resume"
+            f"{path}: belongs to a run on {what if TRAINING_CAMERAS in others else 'other focal lengths or lenses'}; "
+            "expected the capture that it was trained on, or another --output without --resume"
         )
 
 
@@ -217,7 +221,24 @@ def _newest_checkpoint(folder: Path) -> Path:
     found = [path for path in (folder / UNFINISHED, folder / CHECKPOINT) if path.is_file()]
     if not found:
         raise PocketGSError(f"{folder}: holds no {UNFINISHED} or {CHECKPOINT} to resume from")
+    if len(found) == 2 and _goes_beyond(*found):
+        return found[0]
     return max(found, key=lambda path: path.stat().st_mtime_ns)
+
+
+def _goes_beyond(path: Path, other: Path) -> bool:
+    """Whether a checkpoint is a later one of another's run. The files' times do not tell: many copies have new ones."""
+    try:
+        (run, iteration), (other_run, before) = map(_progress, (path, other))
+    except Exception:  # a damaged archive fails in many ways, and again when it is read
+        return False
+    return run == other_run and iteration > before
+
+
+def _progress(path: Path) -> tuple[str, int]:
+    """What identifies a checkpoint's run, and its iteration."""
+    with _arrays(path, "run", "iteration") as data:
+        return str(data["run"]), int(data["iteration"])
 
 
 class CheckpointSaver:

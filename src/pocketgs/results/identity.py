@@ -9,13 +9,14 @@ from typing import Any
 import numpy as np
 
 from pocketgs.capture.capture import Capture, Frame
-from pocketgs.results.checkpoint import MAX_GAUSSIANS, SH_DEGREE, SHRINK, TRAINING_CAMERAS
+from pocketgs.results.checkpoint import INTRINSICS, MAX_GAUSSIANS, SH_DEGREE, SHRINK, TRAINING_CAMERAS
 from pocketgs.training.options import SizedOptions
 from pocketgs.training.planning.plan import Plan
 from pocketgs.training.recipes import recipe_named
 
 STEPS = 2.0**20
-"""Rotations' elements, and positions relative to the farthest, count as equal if they round to the same step.
+"""Rotations' elements, positions relative to the farthest, and intrinsics relative to the image's size count as equal
+if they round to the same step.
 
 A power of two, so that the numbers in files, which are decimal, do not lie halfway between two steps.
 """
@@ -34,6 +35,7 @@ def identity_of(capture: Capture, options: SizedOptions, plan: Plan) -> dict[str
         "protocol": capture.protocol,
         "training views": len(capture.train),
         TRAINING_CAMERAS: digest_of_cameras(capture.train),
+        INTRINSICS: digest_of_intrinsics(capture.train),
         "recipe": options.recipe,
         "seed": options.seed,
         SH_DEGREE: recipe_named(options.recipe).degree_for(options.sh_degree),
@@ -61,4 +63,20 @@ def digest_of_cameras(frames: Sequence[Frame]) -> str:
     poses[:, :, 3] /= farthest
     digest.update(np.rint(poses * STEPS).astype("<i8").tobytes())
     digest.update(str(round(256 * float(np.log2(farthest)))).encode())
+    return digest.hexdigest()[:16]
+
+
+def digest_of_intrinsics(frames: Sequence[Frame]) -> str:
+    """Digest of the intrinsics of frames, relative to the size of their images, and of their lenses."""
+    digest = hashlib.sha256()
+    for camera in (frame.camera for frame in frames):
+        numbers = [
+            camera.fx / camera.width,
+            camera.fy / camera.height,
+            camera.cx / camera.width,
+            camera.cy / camera.height,
+        ]
+        numbers += camera.lens.coefficients if camera.lens else ()
+        digest.update((camera.lens.model if camera.lens else "").encode())
+        digest.update(np.rint(np.array(numbers) * STEPS).astype("<i8").tobytes())
     return digest.hexdigest()[:16]

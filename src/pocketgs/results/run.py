@@ -185,7 +185,8 @@ def _trained(
     saver = CheckpointSaver(session.claim.folder, identity, session.reporter.on_warning)
     seconds = _seconds_left(session.options, session.plan)
     if seconds is not None and seconds <= 0:
-        session.reporter.on_warning("the time budget was used up before training began: the untrained scene is written")
+        written = "the scene of the checkpoint is written again" if checkpoint else "the untrained scene is written"
+        session.reporter.on_warning(f"the time budget was used up before training began: {written}")
     return train(
         prepared,
         replace(

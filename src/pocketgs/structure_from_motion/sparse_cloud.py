@@ -20,6 +20,9 @@ from pocketgs.structure_from_motion.process import check_installed, run_colmap, 
 MAX_PARTNERS = 30
 """Number of nearest images that each image is matched with: all of them for a capture of 31 photographs."""
 
+SEEDS = 2**31
+"""Number of random seeds that COLMAP has."""
+
 
 def triangulate(
     frames: Sequence[Frame], seed: int = 0, on_stage: Callable[[str], None] = lambda stage: None
@@ -91,7 +94,7 @@ def _job(frames: Sequence[Frame], folder: Path, seed: int) -> TriangulationJob:
         },
         "max_size": max(max(camera.width, camera.height) for camera in cameras),
         "threads": threads_that_fit(max(camera.width * camera.height for camera in cameras)),
-        "seed": seed,
+        "seed": seed % SEEDS,
     }
 
 

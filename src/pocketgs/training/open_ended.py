@@ -128,14 +128,15 @@ class OpenEndedPace:
         """Evaluate the validation views at the end of a stage, and decide whether to start the decay."""
         if self.history.decays_from is not None:
             return
-        if iteration in self._stages:
+        if iteration in self._stages and self._validation:
             value = mean_psnr(engine, self._validation, self._background)
             self._history = self.history.with_sample(
                 ValidationSample(iteration, value, engine.count, self._seconds_before + seconds)
             )
         is_late = share_of_time(seconds, self._seconds) >= 1.0 / (1.0 + DECAY)
         may_end = iteration in self._stages and iteration >= self._may_end_from
-        if is_late or iteration >= self._stages[-1] or (may_end and not _pays(self.history.samples)):
+        pays = bool(self._validation) and _pays(self.history.samples)
+        if is_late or iteration >= self._stages[-1] or (may_end and not pays):
             self._history = replace(self.history, decays_from=iteration)
 
     def next_growth(self, iteration: int) -> int | None:

@@ -87,8 +87,8 @@ def camera_extent(cameras: Sequence[Camera], points: PointCloud) -> float:
     distance = float(np.median(np.linalg.norm(points.positions - centres.mean(axis=0), axis=1)))
     if extent <= MIN_EXTENT * distance:
         raise PocketGSError(
-            f"the training cameras ({len(cameras)}) stand in one place, which gives the recipe no length to measure "
-            "steps in: expected cameras that moved, or the recipe 'pocketgs'"
+            f"the training cameras ({len(cameras)}) stand in one place, which gives the recipe or the strategy no "
+            "length to measure steps in: expected cameras that moved, or the recipe 'pocketgs' and the strategy 'fixed'"
         )
     return extent
 
