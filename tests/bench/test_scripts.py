@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import json
-import os
 import re
-import subprocess
+import runpy
 import sys
+from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 
 import pytest
 
 from pocketgs.capture.capture import Capture
+from pocketgs.compression import candidates
 from pocketgs.gpu.adapters import Adapter
 from pocketgs.prior.prior import PreparedCapture
 from pocketgs.training.recipes import recipe_named
@@ -39,12 +40,24 @@ OF_A_SCENE = {"compression"}
 PARTS_OF_OTHERS = {"medians", "pairs", "webgpu_roofline", "webgpu_tables", "webgpu_work"}
 
 
-def table_of(name: str, options: str) -> str:
-    """The output of a benchmark."""
-    command = [sys.executable, str(BENCH / f"{name}.py"), *options.split()]
-    run = subprocess.run(command, capture_output=True, text=True, check=False, env={**os.environ, "COLUMNS": "200"})
-    assert run.returncode == 0, run.stderr
-    return run.stdout
+@pytest.fixture
+def table_of(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[[str, str], str]:
+    """A function that runs a benchmark as a program in this process, whose kernels and devices are ready.
+
+    It returns the output. Random scenes that one benchmark takes from another are a quarter of the size.
+    """
+    monkeypatch.syspath_prepend(str(BENCH))
+    monkeypatch.setenv("COLUMNS", "200")
+    random_scene = import_module("cpu_step").random_scene
+    monkeypatch.setattr("cpu_step.random_scene", lambda count, x, y: random_scene(count // 4, x // 2, y // 2))
+
+    def table(name: str, options: str) -> str:
+        path = str(BENCH / f"{name}.py")
+        monkeypatch.setattr(sys, "argv", [path, *options.split()])
+        runpy.run_path(path, run_name="__main__")
+        return capsys.readouterr().out
+
+    return table
 
 
 def assert_times_in(table: str) -> None:
@@ -56,12 +69,12 @@ def assert_times_in(table: str) -> None:
 
 
 @pytest.mark.parametrize("name", ON_THE_CPU)
-def test_benchmarks_of_the_cpu_run(name: str) -> None:
+def test_benchmarks_of_the_cpu_run(name: str, table_of: Callable[[str, str], str]) -> None:
     assert_times_in(table_of(name, ON_THE_CPU[name]))
 
 
 @pytest.mark.parametrize("name", ON_THE_GPU)
-def test_benchmarks_of_the_gpu_run(name: str, adapter: Adapter) -> None:
+def test_benchmarks_of_the_gpu_run(name: str, adapter: Adapter, table_of: Callable[[str, str], str]) -> None:
     assert_times_in(table_of(name, f"{ON_THE_GPU[name]} --gpu {adapter.name.split()[0]}"))
 
 
@@ -73,7 +86,16 @@ def test_steps_are_timed_as_the_recipe_takes_them(monkeypatch: pytest.MonkeyPatc
     assert settings.rates == recipe.rates.scaled(0.0)
 
 
-def test_ways_to_make_a_scene_small(small_capture: Capture, written_capture: Path, tmp_path: Path) -> None:
+def test_ways_to_make_a_scene_small(
+    small_capture: Capture,
+    written_capture: Path,
+    tmp_path: Path,
+    table_of: Callable[[str, str], str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """With a twentieth of the steps of fine-tuning."""
+    for name in ("PRUNING_STEPS", "ROUNDING_STEPS", "STEPS"):
+        monkeypatch.setattr(candidates, name, getattr(candidates, name) // 20)
     scene, ways = tmp_path / "scene.ply", (".ply", ".spz", ".sog", "prune", "round", "over", "visibility")
     train(PreparedCapture.of(small_capture, None), iterations=20, engine="cpu", max_gaussians=400).scene.save(scene)
     options = f"--ways {' '.join(ways)} --gaussians 100 --iterations 2 --engine cpu --json {tmp_path / 'figures.json'}"

@@ -26,18 +26,20 @@ def part_of(capture: Path, folder: Path, frames: slice) -> Path:
 
 
 def test_lego(trained: Callable[..., dict[str, Any]], data_folder: Path, tmp_path: Path) -> None:
-    """Every fourth frame of a capture with alpha, on white: far apart, but none is left out for its pose."""
-    few = part_of(data_folder / "lego", tmp_path / "few" / "lego", slice(None, None, 4))
-    record = trained(few, "--downscale", 4, "--effort", "quick", "--iterations", 300)
-    assert record["protocol"] == "downscaled to 200x200, on white, data set's own split"
-    assert record["capture"]["held_out_views"] == 7
-    check(record, psnr=30.0, ssim=0.959)
+    """Every fifth frame of a capture with alpha, on white: far apart, but none is left out for its pose."""
+    few = part_of(data_folder / "lego", tmp_path / "few" / "lego", slice(None, None, 5))
+    options = ["--downscale", 5, "--effort", "quick", "--iterations", 150, "--max-gaussians", 20_000]
+    record = trained(few, *options)
+    assert record["protocol"] == "downscaled to 160x160, on white, data set's own split"
+    assert record["capture"]["held_out_views"] == 5
+    check(record, psnr=27.95, ssim=0.932)
 
 
 def test_fox(trained: Callable[..., dict[str, Any]], data_folder: Path, tmp_path: Path) -> None:
-    """The first half of a hand-held capture without a cloud, of which some frames are missing."""
-    half = part_of(data_folder / "fox", tmp_path / "half" / "fox", slice(34))
-    record = trained(half, "--downscale", 6, "--effort", "quick", "--iterations", 200)
-    assert record["protocol"] == "undistorted, cropped, downscaled to 177x317, held out every 8th by name"
-    assert "5 of 34 listed frames have no image file" in record["capture"]["warnings"][0]
-    check(record, psnr=31.7, ssim=0.939)
+    """The first twenty frames of a hand-held capture without a cloud, of which some are missing."""
+    few = part_of(data_folder / "fox", tmp_path / "few" / "fox", slice(20))
+    options = ["--downscale", 8, "--effort", "quick", "--iterations", 120, "--max-gaussians", 20_000]
+    record = trained(few, *options)
+    assert record["protocol"] == "undistorted, cropped, downscaled to 133x237, held out every 8th by name"
+    assert any("4 of 20 listed frames have no image file" in each for each in record["capture"]["warnings"])
+    check(record, psnr=31.8, ssim=0.952)

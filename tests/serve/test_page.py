@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -26,20 +27,28 @@ def browser() -> Iterator[Browser]:
         yield running
 
 
+@contextmanager
+def still(browser: Browser, url: str, width: int, height: int, script: str | None = None) -> Iterator[Visit]:
+    """As `visiting`, by a user who wants no motion: a GPU in software would paint a moving bar most of the time."""
+    with visiting(browser, url, width, height, script) as visit:
+        visit.page.emulate_media(reduced_motion="reduce")
+        yield visit
+
+
 def payloads(files: dict[str, bytes]) -> list[FilePayload]:
     return [{"name": name, "mimeType": "", "buffer": content} for name, content in files.items()]
 
 
-def choose(visit: Visit, selector: str, files: dict[str, bytes]) -> None:
-    """Press a button that asks for files, and give it some."""
+def choose(visit: Visit, selector: str, files: dict[str, bytes] | Path) -> None:
+    """Press a button that asks for files, and give it some; large ones by the path, which is not sent through pipes."""
     with visit.page.expect_file_chooser() as chooser:
         visit[selector].click()
-    chooser.value.set_files(payloads(files))
+    chooser.value.set_files(files if isinstance(files, Path) else payloads(files))
 
 
 def test_what_a_phone_offers_for_a_button(browser: Browser, serve: Callable[..., Phone]) -> None:
     """As an archive any file: iPhones know no type for .r3d, and offer only files of the types that they know."""
-    with visiting(browser, serve().url, *PHONE) as phone:
+    with still(browser, serve().url, *PHONE) as phone:
         for kind, accepted in (("photographs", re.compile("^image/[*],")), ("archive", "")):
             choose(phone, f"[data-kind={kind}]", {"a.txt": b"hello"})
             expect(phone["#files"]).to_have_attribute("accept", accepted)
@@ -48,7 +57,7 @@ def test_what_a_phone_offers_for_a_button(browser: Browser, serve: Callable[...,
 
 def test_a_button_waits_until_the_computer_answers(browser: Browser, serve: Callable[..., Phone]) -> None:
     """What may be chosen is the computer's to say: until then a press would be lost."""
-    with visiting(browser, serve().url, *PHONE) as phone:
+    with still(browser, serve().url, *PHONE) as phone:
         phone.page.route("**/shelf.json", lambda route: route.abort())
         phone.page.reload()
         phone["#connection"].wait_for()
@@ -72,7 +81,7 @@ def test_the_page_refuses_what_the_computer_would(browser: Browser, serve: Calla
         {f"{number}.jpg": b"a" for number in range(2001)},
         {"walk.mov": bytes(3_000_000)},
     ]
-    with visiting(browser, server.url, *PHONE) as phone:
+    with still(browser, server.url, *PHONE) as phone:
         for files in choices:
             choose(phone, "[data-kind=photographs]", files)
             expect(phone["#begin-problem"]).to_have_text(server.begin(files).json["error"])
@@ -85,7 +94,7 @@ def test_a_refusal_leaves_the_files_chosen(
     browser: Browser, serve: Callable[..., Phone], photographs: dict[str, bytes]
 ) -> None:
     full = "the computer's disk is full"
-    with visiting(browser, serve().url, *PHONE) as phone:
+    with still(browser, serve().url, *PHONE) as phone:
         asked: list[Route] = []
         phone.page.route("**/captures", lambda route: asked.append(route))
         choose(phone, "[data-kind=photographs]", photographs)
@@ -106,7 +115,7 @@ def test_a_refusal_leaves_the_files_chosen(
 @pytest.mark.usefixtures("untrained")
 def test_titles_that_the_computer_takes(browser: Browser, serve: Callable[..., Phone]) -> None:
     """Spaces alone are none; of a long name, no half of a character is taken."""
-    with visiting(browser, serve().url, *PHONE) as phone:
+    with still(browser, serve().url, *PHONE) as phone:
         choose(phone, "[data-kind=video]", {f"x{60 * '😀'}.mov": b"no video"})
         expect(phone["#begin-name"]).to_have_value("x" + 49 * "😀")
         phone["#begin-name"].fill("   ")
@@ -124,11 +133,11 @@ def is_within(visit: Visit) -> bool:
 
 def test_a_video_from_a_phone(browser: Browser, serve: Callable[..., Phone], tmp_path: Path) -> None:
     """It is uploaded by the phone, gets poses and is trained; both windows show that, and the scene."""
-    capture = true_capture(width=240, height=180, frames=8, points=500)
+    capture = true_capture(width=192, height=144, frames=8, points=500)
     write_video(tmp_path / "walk.mp4", [frame.image for frame in sorted(capture.frames, key=lambda each: each.name)])
     url = serve().url
-    with visiting(browser, url, *PHONE, script=NO_GPU) as phone, visiting(browser, url, *COMPUTER) as computer:
-        choose(phone, "[data-kind=video]", {"walk.mp4": (tmp_path / "walk.mp4").read_bytes()})
+    with still(browser, url, *PHONE, script=NO_GPU) as phone, still(browser, url, *COMPUTER) as computer:
+        choose(phone, "[data-kind=video]", tmp_path / "walk.mp4")
         phone["#begin-name"].fill(HARM)
         phone["#begin-effort input[value=quick]"].check(force=True)
         phone["#begin-upload"].click()
@@ -168,7 +177,7 @@ def test_a_video_from_a_phone(browser: Browser, serve: Callable[..., Phone], tmp
 def test_what_a_page_can_do(browser: Browser, serve: Callable[..., Phone], photographs: dict[str, bytes]) -> None:
     """Upload, rename, delete, undo and restore; with harmful titles and names of files."""
     url = serve().url
-    with visiting(browser, url, *PHONE) as phone:
+    with still(browser, url, *PHONE) as phone:
         choose(phone, "[data-kind=photographs]", {"a.txt": b"hello"})
         assert phone["#begin-problem"].text_content() == "a.txt is no photograph, video or zip file"
         assert phone["#begin-upload"].is_disabled()
@@ -225,8 +234,12 @@ def test_an_upload_that_is_interrupted(
     """The network fails, and it goes on by itself; the page is closed, and it goes on with the same file."""
     monkeypatch.setattr(shown, "SECONDS_ACTIVE", 1.0)
     content = bytes(range(251)) * 12_000
+    video, other, differing = (tmp_path / name for name in ("walk.mov", "other.mov", "differing/walk.mov"))
+    differing.parent.mkdir()
+    for path, written in ((video, content), (other, content), (differing, bytes(len(content)))):
+        path.write_bytes(written)
     server = serve()
-    with visiting(browser, server.url, *PHONE) as phone:
+    with still(browser, server.url, *PHONE) as phone:
         asked = 0
 
         def interrupt(route: Route) -> None:
@@ -235,18 +248,18 @@ def test_an_upload_that_is_interrupted(
             route.continue_() if asked == 2 else route.abort()
 
         phone.page.route("**/files/**", interrupt)
-        choose(phone, "[data-kind=video]", {"walk.mov": content})
+        choose(phone, "[data-kind=video]", video)
         phone["#begin-upload"].click()
         phone[".state"].filter(has_text="69").wait_for(timeout=PATIENCE)
     [told] = server.shelf["captures"]
     assert (told["state"], told["received"]) == ("uploading", 1 << 21)
-    with visiting(browser, server.url, *PHONE, script=NO_GPU) as phone:
+    with still(browser, server.url, *PHONE, script=NO_GPU) as phone:
         phone["[data-action=continue]"].wait_for(timeout=PATIENCE)
-        choose(phone, "[data-action=continue]", {"other.mov": content})
+        choose(phone, "[data-action=continue]", other)
         phone["#toast span"].filter(has_text="other files").wait_for()
-        choose(phone, "[data-action=continue]", {"walk.mov": bytes(len(content))})
+        choose(phone, "[data-action=continue]", differing)
         phone["#toast span"].filter(has_text="its beginning differs").wait_for()
-        choose(phone, "[data-action=continue]", {"walk.mov": content})
+        choose(phone, "[data-action=continue]", video)
         phone["[data-state=unusable]"].wait_for(timeout=PATIENCE)
     path = next((tmp_path / "shelf" / "captures").glob("*/upload/0001.mov"))
     assert path.read_bytes() == content
@@ -255,8 +268,9 @@ def test_an_upload_that_is_interrupted(
 @pytest.mark.usefixtures("untrained")
 def test_answers_that_break_off(browser: Browser, serve: Callable[..., Phone], tmp_path: Path) -> None:
     """They count as none: the piece is sent again, and the page says that the computer does not answer."""
-    content = bytes(range(251)) * 12_000
-    with visiting(browser, serve().url, *PHONE) as phone:
+    content, video = bytes(range(251)) * 12_000, tmp_path / "walk.mov"
+    video.write_bytes(content)
+    with still(browser, serve().url, *PHONE) as phone:
         asked = 0
 
         def break_off(route: Route) -> None:
@@ -265,7 +279,7 @@ def test_answers_that_break_off(browser: Browser, serve: Callable[..., Phone], t
             route.fulfill(status=200, body='{"rece') if asked == 1 else route.continue_()
 
         phone.page.route("**/files/*?offset=*", break_off)
-        choose(phone, "[data-kind=video]", {"walk.mov": content})
+        choose(phone, "[data-kind=video]", video)
         phone["#begin-upload"].click()
         phone["[data-state=unusable]"].wait_for(timeout=PATIENCE)
         assert asked == 3
@@ -284,7 +298,7 @@ def test_an_upload_whose_file_is_gone(browser: Browser, serve: Callable[..., Pho
     """The phone has deleted its temporary copy: no retry helps. A piece that came too late is sent again."""
     server, video = serve(), tmp_path / "walk.mov"
     video.write_bytes(bytes(5_000_000))
-    with visiting(browser, server.url, *PHONE) as phone:
+    with still(browser, server.url, *PHONE) as phone:
         asked = 0
 
         def answer(route: Route) -> None:
@@ -313,7 +327,7 @@ def test_an_upload_that_is_deleted_elsewhere(
 ) -> None:
     """It ends, says so, and sends no more files."""
     server = serve()
-    with visiting(browser, server.url, *PHONE) as phone:
+    with still(browser, server.url, *PHONE) as phone:
         asked = 0
 
         def delete(route: Route) -> None:
@@ -338,7 +352,7 @@ def test_a_phone_without_sockets(browser: Browser, serve: Callable[..., Phone], 
     server = serve()
     identity = server.upload({"toys.zip": zipped}, effort="best")
     server.until(identity, lambda capture: capture["state"] == "training" and capture["progress"]["iteration"] > 0)
-    with visiting(browser, server.url, *PHONE, script=NO_GPU + NO_SOCKET) as phone:
+    with still(browser, server.url, *PHONE, script=NO_GPU + NO_SOCKET) as phone:
         phone[".open"].click()
         expect(phone["#stats"]).to_contain_text("splats", timeout=PATIENCE)
         expect(phone["#loss"]).not_to_have_text("–")
@@ -346,7 +360,7 @@ def test_a_phone_without_sockets(browser: Browser, serve: Callable[..., Phone], 
         phone["#pause"].click()
         expect(phone["#stage"]).to_have_text("paused", timeout=PATIENCE)
         server.until(identity, lambda capture: capture["progress"]["paused"])
-        with visiting(browser, server.url, *COMPUTER, script=NO_GPU) as computer:
+        with still(browser, server.url, *COMPUTER, script=NO_GPU) as computer:
             sentence = re.compile(r"paused at \d+ of 1000000: open Watch to resume")
             expect(computer[".state"]).to_have_text(sentence, timeout=PATIENCE)
             computer[".open"].click()

@@ -120,6 +120,8 @@ def test_one_after_the_other(folder: Path, zipped: bytes) -> None:
     assert (entry.state, entry.process) == ("queued", None)
     with serving_folder(folder, ServeOptions(FLAGS, "quick")):
         assert phone.until(long, is_training)["progress"]["iteration"] > done, "it goes on where it ended"
+        resumed = command_of(folder, long)
+        assert "--resume" in resumed
         assert phone.tell(f"captures/{long}/stop").status == 200
         told = phone.until(long, "trained")
         assert told["result"]["interrupted"]
@@ -133,8 +135,9 @@ def test_one_after_the_other(folder: Path, zipped: bytes) -> None:
         phone.tell(f"captures/{long}/stop")
         phone.until(long, "trained")
         phone.tell(f"captures/{long}/go-on")
-        phone.until(long, is_training)
-        assert "--resume" in command_of(folder, long)
+        about = folder / "captures" / long / "about.json"
+        phone.until(long, lambda _: read_entry(about).process is not None)
+        assert command_of(folder, long) == resumed
 
 
 EVALUATES_SLOWLY = """
@@ -334,7 +337,7 @@ def test_deleting_what_is_checked(serve: Callable[..., Phone], photographs: dict
 def test_deleting_what_is_unpacked(folder: Path, serve: Callable[..., Phone]) -> None:
     """The check ends before the folder is moved, so nothing of it comes back; restored, it is checked again."""
     phone = serve()
-    identity = phone.upload({"toys.zip": zip_of({f"toys/{number}/a.txt": b"a" for number in range(6_000)})})
+    identity = phone.upload({"toys.zip": zip_of({f"toys/{number}/a.txt": b"a" for number in range(2_000)})})
     place = folder / "captures" / identity
     until_there(phone, identity, place / "unpacking" / "toys" / "9")
     assert phone.tell(f"captures/{identity}/delete").status == 200

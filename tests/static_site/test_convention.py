@@ -151,13 +151,17 @@ def test_poses_of_something_else_are_refused(call: Call, walk: Walk) -> None:
     assert "contradict the capture's poses" in message
 
 
+@pytest.fixture(scope="module")
+def small_walk() -> Capture:
+    return true_capture(width=128, height=96, frames=12, points=500)
+
+
 @pytest.mark.parametrize("is_inverted", [False, True])
-def test_poses_are_read_as_they_fit(call: Call, is_inverted: bool) -> None:
+def test_poses_are_read_as_they_fit(call: Call, small_walk: Capture, is_inverted: bool) -> None:
     """Training has the right poses then, says so, and keeps the cloud unless the world is another one.
 
     Also where memory is full once depth is computed. Few matches are enough here, since the photographs are small.
     """
-    capture = true_capture(width=128, height=96, frames=12, points=500)
     script = (
         TYPED
         + OPEN_FINDER
@@ -175,10 +179,10 @@ def test_poses_are_read_as_they_fit(call: Call, is_inverted: bool) -> None:
         return [poses, capture.cloud !== null, warnings, complaints];
     """
     )
-    frames = capture.train[:3]
+    frames = small_walk.train[:3]
     mistake = np.linalg.inv if is_inverted else MISTAKES[1]
     wrong = [replace(frame, camera=misread(frame.camera, mistake)) for frame in frames]
-    given = {"frames": plain_frames(wrong), "cloud": plain_cloud(capture.points)}
+    given = {"frames": plain_frames(wrong), "cloud": plain_cloud(small_walk.points)}
     poses, has_cloud, warnings, complaints = call("training/preparation.js", script, given)
     assert complaints == []
     assert has_cloud is not is_inverted

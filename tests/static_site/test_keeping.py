@@ -161,7 +161,7 @@ def test_a_run_that_began_beside_another_tab_does_not_replace_what_that_kept(
         second.goto(host.address)
         expect(second.locator("#message-text")).to_contain_text("Another tab of this page", timeout=PATIENCE)
         second.locator("#start").wait_for(timeout=PATIENCE)
-        for name, value in {"most": 64, "iterations": 3, "gaussians": 100}.items():
+        for name, value in {"most": 32, "iterations": 1, "gaussians": 100}.items():
             second.locator(f"#{name}").fill(str(value))
         second.locator("#depth").uncheck()
         files = {path.relative_to(capture_folder).as_posix(): path.read_bytes() for path in capture_folder.rglob("*.*")}

@@ -173,7 +173,7 @@ def shown_psnr(visit: Visit) -> float:
 
 
 def test_a_dropped_zip_trains_as_in_python(visit: Visit, host: Host, capture_folder: Path, tmp_path: Path) -> None:
-    choose(visit, most=48, iterations=40, gaussians=1000)
+    choose(visit, most=48, iterations=24, gaussians=1000)
     loaded = list(host.asked)
     requests: list[str] = []
     visit.page.on("request", lambda request: requests.append(request.url))
@@ -205,7 +205,7 @@ def test_a_dropped_zip_trains_as_in_python(visit: Visit, host: Host, capture_fol
     assert shown_psnr(visit) == pytest.approx(found, abs=0.02)
     expected, less = (
         psnr_in_python(capture_folder, tmp_path / count, "--iterations", count, "--max-gaussians", "1000", *size)
-        for count in ("40", "10")
+        for count in ("24", "6")
     )
     assert abs(found - expected) < TOLERANCE
     assert found > less + 3 * TOLERANCE
@@ -331,7 +331,7 @@ def test_measured_depth(visit: Visit, copied_phone: Callable[[str], Path], tmp_p
     features.
     """
     folder = copied_phone("record3d")
-    choose(visit, depth=True, refines=True, most=48, iterations=20, gaussians=800)
+    choose(visit, depth=True, refines=True, most=48, iterations=12, gaussians=800)
     visit.drop("recording.r3d", zipped(folder))
     scene = saved(visit, tmp_path / "recording.ply")
     expect(visit["#message-text"]).to_have_text(
@@ -339,7 +339,7 @@ def test_measured_depth(visit: Visit, copied_phone: Callable[[str], Path], tmp_p
     )
     visit["#message-close"].click()
     assert visit.complaints == []
-    expected = trained_with_depth(folder, tmp_path / "python.ply", max_size=48, iterations=20, gaussians=800)
+    expected = trained_with_depth(folder, tmp_path / "python.ply", max_size=48, iterations=12, gaussians=800)
     capture = open_capture(folder, max_size=48)
     assert abs(mean_psnr(scene, capture) - mean_psnr(expected, capture)) < TOLERANCE
 
@@ -414,16 +414,16 @@ def test_a_browser_without_webgpu_is_told_so(browser: Browser, host: Host) -> No
 def test_fern_with_depth(visit: Visit, data_folder: Path, tmp_path: Path) -> None:
     """A real capture, whose lens is undone by Python first: LLFF states it in a file that the page does not read."""
     folder = tmp_path / "fern"
-    capture = open_capture(data_folder / "fern", images="images_8", max_size=126)
-    export_capture(folder, replace(capture, train=capture.train[:5]))
-    size = ("--max-size", "63")
-    choose(visit, depth=True, most=63, iterations=40, gaussians=1000)
+    capture = open_capture(data_folder / "fern", images="images_8", max_size=96)
+    export_capture(folder, replace(capture, train=capture.train[:4]))
+    size = ("--max-size", "48")
+    choose(visit, depth=True, most=48, iterations=20, gaussians=1000)
     visit.drop("fern.zip", zipped(folder))
-    expect(visit["#stage"]).to_have_text(re.compile(r"depth of keyframe \d of 7"), timeout=PATIENCE)
+    expect(visit["#stage"]).to_have_text(re.compile(r"depth of keyframe \d of 6"), timeout=PATIENCE)
     scene = saved(visit, tmp_path / "fern.ply")
     assert visit.complaints == []
     found = held_out_psnr(scene, folder, *size)
-    expected = trained_with_depth(folder, tmp_path / "python.ply", max_size=63, iterations=40, gaussians=1000)
+    expected = trained_with_depth(folder, tmp_path / "python.ply", max_size=48, iterations=20, gaussians=1000)
     assert abs(found - held_out_psnr(expected, folder, *size)) < TOLERANCE
 
 

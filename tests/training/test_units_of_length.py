@@ -55,6 +55,6 @@ def expected(capture: Capture) -> float:
 
 
 # Powers of two, in which rounding is the same: of the noise that other factors make, a short run shows too much.
-@pytest.mark.parametrize("factor", [2.0**-20, 2.0**-13, 2.0**13, 2.0**20])
+@pytest.mark.parametrize("factor", [2.0**-20, 2.0**20])
 def test_the_unit_changes_nothing(capture: Capture, expected: float, factor: float) -> None:
     assert quality(scaled(capture, factor)) == pytest.approx(expected, abs=0.1)

@@ -28,7 +28,7 @@ from viewer.browsing import NO_GPU, NO_SOCKET, PATIENCE, Visit, open_browser, vi
 from viewer.marks import marked_scene
 
 # One thread, so that the browser gets some of the machine too.
-OPTIONS = TrainingOptions(iterations=10**6, prior="none", engine="cpu", threads=1, evaluate_every=100)
+OPTIONS = TrainingOptions(iterations=10**6, prior="none", engine="cpu", threads=1, evaluate_every=50)
 SECONDS_OF_PAUSE = 2.0
 IMPATIENT = """
 const wait = window.setTimeout;

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
 from pocketgs.capture import open_capture
+from pocketgs.prior import dense_cloud, prior
 from pocketgs.prior.cloud.cpu.merger import CpuMerger
 from pocketgs.prior.cloud.merge import Candidates
 from pocketgs.prior.cloud.webgpu.merger import WebGpuMerger
 from pocketgs.prior.devices import create_devices
-from pocketgs.prior.prior import build_prior
 from pocketgs.scene.point_cloud import PointCloud
 
 pytestmark = pytest.mark.usefixtures("adapter")
@@ -87,10 +89,25 @@ def test_what_the_memory_does_not_hold_is_merged_on_the_cpu() -> None:
     np.testing.assert_array_equal(found.positions, expected.positions)
 
 
-def test_the_cloud_of_a_real_capture(data_folder: Path, merger: WebGpuMerger) -> None:
+def remembered(function: Callable[..., Any]) -> Callable[..., Any]:
+    """The function, which runs once and returns the same from then on."""
+    results: list[Any] = []
+
+    def run(*arguments: Any) -> Any:
+        if not results:
+            results.append(function(*arguments))
+        return results[0]
+
+    return run
+
+
+def test_the_cloud_of_a_real_capture(data_folder: Path, merger: WebGpuMerger, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of two priors, which share what comes before merging: poses and confirmed depth."""
+    monkeypatch.setattr(prior, "_posed", remembered(prior._posed))
+    monkeypatch.setattr(dense_cloud, "_confirmed", remembered(dense_cloud._confirmed))
     capture = open_capture(data_folder / "fern", images="images_8", downscale=4)
     gpu, cpu = (
-        build_prior(capture, 4000, devices=replace(create_devices(), merger=one)) for one in (merger, CpuMerger())
+        prior.build_prior(capture, 4000, devices=replace(create_devices(), merger=one)) for one in (merger, CpuMerger())
     )
     assert gpu.points is not None
     assert cpu.points is not None

@@ -245,8 +245,9 @@ def test_poses_of_a_film_are_kept(data_folder: Path) -> None:
 
 @pytest.mark.slow
 def test_poses_from_a_calibrated_rig_that_photographs_contradict_are_refined(data_folder: Path) -> None:
-    """Frames that were held out from the trial adjustment used to speak against it."""
-    rig = refine(open_capture(data_folder / "dtu24", max_size=400))
+    """In 14 of its 49 frames. Those that were held out from the trial adjustment used to speak against it."""
+    whole = open_capture(data_folder / "dtu24", max_size=400)
+    rig = refine(replace(whole, train=whole.train[:12], held_out=whole.held_out[:2]))
     assert rig.structure.adjusted
     assert rig.structure.rmse_after < 0.7 * rig.structure.rmse_before
 
