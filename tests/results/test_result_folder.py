@@ -355,7 +355,9 @@ def test_other_lenses_are_another_run(tmp_path: Path, checkpoint: Checkpoint, sm
     frames = small_capture.train
     half = [Frame(frame.name, frame.camera.resized(48, 36), frame.image[::2, ::2]) for frame in frames]
     longer = [replace(frame, camera=replace(frame.camera, fx=1.3 * frame.camera.fx)) for frame in frames]
-    distorted = [replace(frame, camera=replace(frame.camera, lens=Lens("opencv", (0.01, 0.0, 0.0, 0.0)))) for frame in frames]
+    distorted = [
+        replace(frame, camera=replace(frame.camera, lens=Lens("opencv", (0.01, 0.0, 0.0, 0.0)))) for frame in frames
+    ]
     same, smaller, *others = map(digest_of_intrinsics, (frames, half, longer, distorted))
     assert same == smaller
     write_checkpoint(tmp_path / CHECKPOINT, checkpoint, {**RUN, INTRINSICS: same})
