@@ -59,9 +59,10 @@ export async function withMasks(listing, tree, { mask_folders: usual }) {
  */
 export async function readMask(file) {
     const pixels = await decodedAsStored(file);
-    const alpha = pixels.rgba.filter((_, i) => i % 4 === 3);
+    const { rgba } = pixels;
+    const alpha = new Uint8ClampedArray(rgba.length / 4).map((_, i) => rgba[4 * i + 3]);
     // Of a colour its brightest channel counts.
-    const values = alpha.map((_, i) => Math.max(...pixels.rgba.subarray(4 * i, 4 * i + 3)));
+    const values = alpha.map((_, i) => Math.max(rgba[4 * i], rgba[4 * i + 1], rgba[4 * i + 2]));
     const most = values.reduce((most, value) => Math.max(most, value), 0);
     // Canvases lose the colours of transparent pixels.
     const opaque = values.filter((_, i) => alpha[i] === 255);
