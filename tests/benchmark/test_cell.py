@@ -150,3 +150,8 @@ def test_a_capture_that_cannot_be_read_fails_its_cell_in_one_line(capture_folder
 def test_a_cell_without_held_out_views_fails(written_capture: Path, tmp_path: Path) -> None:
     result = run_cell(job(written_capture, flags=(*QUICK, "--hold-out", "0")), tmp_path)
     assert result.error == "the capture has no held-out view to measure on"
+
+
+def test_only_the_captures_path_is_removed() -> None:
+    record = json.dumps(["/data", "/data/images", "left/data_1.png", "left/data/1.png", "/data.old"])
+    assert json.loads(cell._named_alone(record, Path("/data"))) == ["data", "data/images", *json.loads(record)[2:]]

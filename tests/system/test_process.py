@@ -47,3 +47,9 @@ def test_stopwatch_adds_up_and_tells() -> None:
     assert stopwatch.seconds["one"] >= 0.02
     assert stopwatch.seconds["two"] >= 0.01
     assert seconds_since_start() > 0.03
+
+
+def test_setting_the_clock_does_not_make_a_process_older(monkeypatch: pytest.MonkeyPatch) -> None:
+    before, now = seconds_since_start(), time.time()
+    monkeypatch.setattr(time, "time", lambda: now + 3600.0)
+    assert before <= seconds_since_start() < before + 60.0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shlex
 import subprocess
 import sys
@@ -119,10 +120,16 @@ def _last_words(log: Path, status: int) -> str:
     return f"{ended}: {lines[-1]}" if status < 0 else lines[-1]
 
 
+def _named_alone(record: str, capture: Path) -> str:
+    """A record in JSON with the capture's name in place of its path, except where that is part of another name."""
+    path = re.escape(json.dumps(str(capture))[1:-1])
+    return re.sub(rf"(?<![\w.-]){path}(?![\w.-])", lambda _: json.dumps(capture.name)[1:-1], record)
+
+
 def _collected(begun: CellResult, folder: Path, capture: Path) -> CellResult:
     """Add the files that the command wrote to the result; the capture's path is removed."""
     told = (folder / result_folder.RECORD).read_text(encoding="utf-8")
-    run: dict[str, Any] = json.loads(told.replace(json.dumps(str(capture))[1:-1], capture.name))
+    run: dict[str, Any] = json.loads(_named_alone(told, capture))
     if run["interrupted"]:
         raise PocketGSError("the run was interrupted")
     if run["psnr"] is None:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import re
 import sys
 import time
+from functools import cache
 from pathlib import Path
 
 import psutil
@@ -38,5 +40,11 @@ def _process_status() -> str:
 
 
 def seconds_since_start() -> float:
-    """Wall time since this process started."""
-    return time.time() - float(psutil.Process().create_time())
+    """Wall time since this process started, whatever happens to the system's clock after the first call."""
+    return time.monotonic() - _start_of(os.getpid())
+
+
+@cache
+def _start_of(process: int) -> float:
+    """When a running process started, on the clock that is never set."""
+    return time.monotonic() - (time.time() - float(psutil.Process(process).create_time()))
