@@ -95,20 +95,20 @@ def find_stated(folder: Path, named: Sequence[str], where: str, suffixes: tuple[
         PocketGSError: a path is not usable, or leaves the folder.
     """
     spelt_in = cache(_spelt_in)
-    files: list[Path | None] = []
-    for name in named:
-        file = existing_file(folder, name, where, suffixes)
-        if file is None:
-            present = spelt_in(inside(folder, with_slashes(name), where).parent)
-            file = _only(_of_the_name(present, name, suffixes))
-        files.append(file)
+    files = [existing_file(folder, name, where, suffixes) for name in named]
     if all(files):
         return files
+    present = {
+        index: spelt_in(inside(folder, with_slashes(name), where).parent)
+        for index, name in enumerate(named)
+        if files[index] is None
+    }
+    for index, beside in present.items():
+        files[index] = _only(_of_the_name(beside, named[index], suffixes))
     taken, unconverted = set(files), _kinds(named, files)
-    for index, name in enumerate(named):
-        if files[index] is None and _kind(name) not in unconverted:
-            present = spelt_in(inside(folder, with_slashes(name), where).parent)
-            files[index] = _only([file for file in _of_the_stem(present, name) if file not in taken])
+    for index, beside in present.items():
+        if files[index] is None and _kind(named[index]) not in unconverted:
+            files[index] = _only([file for file in _of_the_stem(beside, named[index]) if file not in taken])
     return files
 
 

@@ -76,7 +76,6 @@ def digest_of_intrinsics(frames: Sequence[Frame]) -> str:
             camera.cx / camera.width,
             camera.cy / camera.height,
         ]
-        numbers += camera.lens.coefficients if camera.lens else ()
-        digest.update((camera.lens.model if camera.lens else "").encode())
-        digest.update(np.rint(np.array(numbers) * STEPS).astype("<i8").tobytes())
+        digest.update(camera.lens.model.encode())
+        digest.update(np.rint(np.array([*numbers, *camera.lens.coefficients]) * STEPS).astype("<i8").tobytes())
     return digest.hexdigest()[:16]

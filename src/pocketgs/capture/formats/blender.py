@@ -4,7 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pocketgs.capture.formats.transforms_file import absent_warning, check_some_exist, mask_warning, read_frames
+from pocketgs.capture.formats.transforms_file import (
+    absent_warning,
+    check_some_exist,
+    held_out_too_warning,
+    mask_warning,
+    read_frames,
+)
 from pocketgs.capture.listing import FrameSource, Listing
 from pocketgs.errors import PocketGSError
 from pocketgs.files.json_fields import read_json
@@ -35,10 +41,7 @@ def read(path: Path, images: str | None = None) -> Listing:
     test, more_warnings = _read_split(path, "transforms_test.json", may_be_absent=True)
     held_out = frozenset(frame.name for frame in test)
     both = [frame.name for frame in train if frame.name in held_out]
-    warnings += more_warnings
-    if both:
-        said = f"{len(both)} of {len(train)} images for training are held out too, the first {both[0]}"
-        warnings += (f"{path / 'transforms_test.json'}: {said}: they are not trained on; --hold-out 0 trains on all",)
+    warnings += more_warnings + held_out_too_warning(path / "transforms_test.json", both, len(train))
     frames = [frame for frame in train if frame.name not in held_out] + test
     return Listing(FORMAT, frames, held_out=held_out or None, background=WHITE, warnings=warnings)
 

@@ -10,6 +10,7 @@ from pocketgs.capture.formats.transforms_file import (
     absent_warning,
     check_some_exist,
     depth_warning,
+    held_out_too_warning,
     mask_warning,
     read_frames,
 )
@@ -107,10 +108,7 @@ def _overlap_warning(document: Fields, lists: dict[str, list[str]], stated: set[
     train, val, test = ([path for path in paths if _key(path) in stated] for paths in lists.values())
     held_out = set(map(_key, test or val))
     both = [path for path in train if _key(path) in held_out]
-    if not both:
-        return ()
-    said = f"{len(both)} of {len(train)} images for training are held out too, the first {both[0]}"
-    return (f"{document.where}: {said}: they are not trained on; --hold-out 0 trains on all",)
+    return held_out_too_warning(document.where, both, len(train))
 
 
 def _key(path: str) -> str:

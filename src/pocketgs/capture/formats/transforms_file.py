@@ -119,6 +119,20 @@ def absent_warning(frames: list[FrameSource | None], document: Fields) -> tuple[
     )
 
 
+def held_out_too_warning(where: object, both: Sequence[str], count: int) -> tuple[str, ...]:
+    """A warning if photographs are both for training and held out, or none.
+
+    Args:
+        where: the file that holds them out.
+        both: their names.
+        count: number of photographs for training.
+    """
+    if not both:
+        return ()
+    found = f"{len(both)} of {count} images for training are held out too, the first {both[0]}"
+    return (f"{where}: {found}: they are not trained on; --hold-out 0 trains on all",)
+
+
 def depth_warning(frames: list[FrameSource | None], document: Fields) -> tuple[str, ...]:
     """A warning if depth maps are absent or lack a unit, or none: photographs alone are enough.
 
