@@ -135,8 +135,7 @@ def test_one_after_the_other(folder: Path, zipped: bytes) -> None:
         phone.tell(f"captures/{long}/stop")
         phone.until(long, "trained")
         phone.tell(f"captures/{long}/go-on")
-        about = folder / "captures" / long / "about.json"
-        phone.until(long, lambda _: read_entry(about).process is not None)
+        phone.until(long, is_training)
         assert command_of(folder, long) == resumed
 
 
