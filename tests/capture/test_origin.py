@@ -71,6 +71,15 @@ def test_what_is_left_is_small(extent: float, distance: float, seed: int) -> Non
         assert left <= 2 * extent
 
 
+@pytest.mark.parametrize("metric", [True, False])
+def test_a_lost_pose_at_zero_does_not_hide_that_the_others_are_far(metric: bool) -> None:
+    centres = np.array([5e5, 5.4e6, 120]) + np.random.default_rng(0).uniform(-1, 1, (40, 3))
+    centres[7] = 0
+    origin = middle_if_far(centres, metric)
+    assert origin is not None
+    assert np.abs(np.median(centres, axis=0) - origin).max() <= 1
+
+
 def test_metres_are_not_far_within_a_kilometre() -> None:
     """Cameras with little motion do not cause a move."""
     centres = np.array([[30.0, 2.0, 500.0], [30.001, 2.0, 500.0]])

@@ -9,6 +9,7 @@ from pocketgs.errors import PocketGSError
 from pocketgs.geometry.camera import Camera, look_at
 from pocketgs.geometry.camera_geometry import focus_point, looks_at, upward
 from pocketgs.geometry.camera_path import orbit, path
+from pocketgs.viewer.content import View, looked_at
 
 UP = np.array([0.0, 0.0, 1.0])
 TARGET = np.array([1.0, -2.0, 0.5])
@@ -65,6 +66,16 @@ def test_looks_at_tells_inwards_from_outwards() -> None:
     assert looks_at(inwards, TARGET)
     assert not looks_at(outwards, TARGET)
     np.testing.assert_allclose(focus_point(outwards), TARGET, atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_cameras_in_one_place_look_at_nothing_in_common(seed: int) -> None:
+    """Their axes meet where they stand, and rounding decides on which side of each."""
+    rng = np.random.default_rng(seed)
+    cameras = [camera_at(TARGET, TARGET + [*rng.normal(size=2), 0.1]) for _ in range(9)]
+    assert not looks_at(cameras, focus_point(cameras))
+    target = np.array(looked_at([View(str(i), camera, False) for i, camera in enumerate(cameras)])[1])
+    assert np.linalg.norm(target - TARGET) == pytest.approx(1.0)
 
 
 def test_upward() -> None:

@@ -91,10 +91,13 @@ def test_distance_to_the_scene(
     outwards = [away @ frame.camera.world_to_camera for frame in frames]
     parallel, in_one_place = (np.tile(frames[0].camera.world_to_camera, (3, 1, 1)) for _ in range(2))
     parallel[:, 0, 3] += [0.0, 0.2, 0.5]
+    turned = [frame.camera.world_to_camera.copy() for frame in frames]
+    for pose in turned:
+        pose[:3, 3] = -pose[:3, :3] @ [0.3, -0.7, 1.1]
     sets = [
         frames,
         frames[:1],
-        *([posed(frame, pose) for frame, pose in zip(frames, poses, strict=False)] for poses in (outwards, parallel)),
+        *([posed(frame, pose) for frame, pose in zip(frames, poses, strict=False)] for poses in (outwards, parallel, turned)),
         [posed(frame, pose) for frame, pose in zip(frames, in_one_place, strict=False)],
     ]
     capture = replace(capture, points=cloud_of(capture) if with_points else None, metric=metric)

@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 FAR = 1000.0
 """Cameras are far if their distance exceeds this many times their extent: the resolution is then a tenth of a pixel."""
 
+MOST = 0.8
+"""The extent is that of this share of the cameras: a few lost poses, often at zero, must not make it the distance."""
+
 ONE_POINT = 1e-14
 """Cameras that extend less than this fraction of their distance are all at one point, which tells no scale."""
 
@@ -51,14 +54,15 @@ def near_origin(listing: Listing) -> Listing:
 def middle_if_far(centres: np.ndarray, metric: bool) -> Origin | None:
     """The middle of the cameras, rounded to a power of ten of about their extent; None if the origin is near enough.
 
-    It is, whatever the distance, if all cameras are at one point.
+    It is, whatever the distance, if most cameras are at one point.
 
     Args:
         centres: (N, 3) of the cameras.
         metric: whether lengths are metres.
     """
     middle = np.median(centres, axis=0)
-    extent = max(float(np.abs(centres - middle).max()), METRIC_EXTENT if metric else 0.0)
+    spread = float(np.quantile(np.abs(centres - middle).max(axis=1), MOST, method="lower"))
+    extent = max(spread, METRIC_EXTENT if metric else 0.0)
     distance = float(np.abs(middle).max())
     if distance <= FAR * extent or extent <= ONE_POINT * distance:
         return None

@@ -14,6 +14,9 @@ from pocketgs.geometry.up_direction import up_direction
 MIN_CONVERGENCE = 1e-3
 GUESSED_DISTANCE = 4.0
 
+ROUNDING = 1e-9
+"""Lengths below this share of the distance to the origin, or below its square, are rounding."""
+
 
 def focus_point(cameras: Sequence[Camera]) -> np.ndarray:
     """(3,) point nearest to all optical axes in the least squares sense.
@@ -30,7 +33,7 @@ def focus_point(cameras: Sequence[Camera]) -> np.ndarray:
     centres = np.array([camera.centre for camera in cameras])
     forwards = np.array([camera.forward for camera in cameras])
     centre = centres.mean(axis=0)
-    spread = float(np.sqrt(np.mean(np.sum((centres - centre) ** 2, axis=1))))
+    spread = spread_of(centres)
     guess = centre + mean_direction(forwards) * (GUESSED_DISTANCE * spread if spread > 0 else 1.0)
     across = np.eye(3) - forwards[:, :, None] * forwards[:, None, :]
     residual = np.einsum("nij,nj->i", across, centres - guess) / len(cameras)
@@ -38,10 +41,20 @@ def focus_point(cameras: Sequence[Camera]) -> np.ndarray:
     return guess + step
 
 
+def spread_of(centres: np.ndarray) -> float:
+    """Root mean square of the distances of (N, 3) places from their mean; 0 if it is within rounding."""
+    spread = float(np.sqrt(centres.var(axis=0).sum()))
+    return spread if spread > _rounding(centres) else 0.0
+
+
 def looks_at(cameras: Sequence[Camera], point: np.ndarray) -> bool:
-    """Whether the point lies in front of more than half of the cameras; false if they face outwards from it."""
-    in_front = [camera.forward @ (point - camera.centre) > 0 for camera in cameras]
-    return 2 * sum(in_front) > len(in_front)
+    """Whether the point lies in front of more than half of the cameras.
+
+    It does not if they face outwards from it, or are in one place: their axes then meet in that place.
+    """
+    centres = np.array([camera.centre for camera in cameras])
+    depths = np.einsum("ni,ni->n", [camera.forward for camera in cameras], point - centres)
+    return bool(2 * np.sum(depths > _rounding(centres)) > len(cameras))
 
 
 def upward(cameras: Sequence[Camera]) -> np.ndarray:
@@ -54,3 +67,8 @@ def mean_direction(directions: np.ndarray) -> np.ndarray:
     mean = directions.mean(axis=0)
     length = float(np.linalg.norm(mean))
     return mean / length if length > 1e-9 else directions[0]
+
+
+def _rounding(centres: np.ndarray) -> float:
+    """The length within which places count as one."""
+    return max(ROUNDING * float(np.abs(centres).max()), ROUNDING**2)

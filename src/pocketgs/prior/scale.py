@@ -9,14 +9,11 @@ import numpy as np
 
 from pocketgs.capture.capture import Capture
 from pocketgs.geometry.camera import Camera
-from pocketgs.geometry.camera_geometry import GUESSED_DISTANCE, MIN_CONVERGENCE, focus_point, looks_at
+from pocketgs.geometry.camera_geometry import GUESSED_DISTANCE, MIN_CONVERGENCE, focus_point, looks_at, spread_of
 from pocketgs.prior.seen_points import seen_points
 
-ONE_PLACE, ROUNDING = 1e-3, 1e-9
-"""Metres, and share of the distance to the origin, within which cameras count as being in one place.
-
-Their axes then meet in that place, which says nothing about the scene.
-"""
+ONE_PLACE = 1e-3
+"""Metres within which cameras count as being in one place: where their axes meet then says nothing about the scene."""
 
 METRIC_DISTANCE = 2.0
 """Assumed distance in metres from a phone to its subject, if poses do not determine it."""
@@ -80,16 +77,10 @@ def _guess(cameras: Sequence[Camera], metric: bool) -> float:
         return 1.0
     if looks_at(cameras, focus) and not in_one_place:
         return float(np.median(np.linalg.norm(centres - focus, axis=1)))
-    return METRIC_DISTANCE if metric else GUESSED_DISTANCE * _spread(centres)
+    return METRIC_DISTANCE if metric else GUESSED_DISTANCE * spread_of(centres)
 
 
 def _in_one_place(cameras: Sequence[Camera], metric: bool) -> bool:
     """Whether several cameras are in one place."""
     centres = np.array([camera.centre for camera in cameras])
-    within = ONE_PLACE if metric else max(ROUNDING * float(np.abs(centres).max()), ROUNDING**2)
-    return len(cameras) > 1 and _spread(centres) <= within
-
-
-def _spread(centres: np.ndarray) -> float:
-    """Root mean square of the distances of (N, 3) places from their mean."""
-    return float(np.sqrt(centres.var(axis=0).sum()))
+    return len(cameras) > 1 and spread_of(centres) <= (ONE_PLACE if metric else 0.0)

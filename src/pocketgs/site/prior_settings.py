@@ -77,7 +77,6 @@ def _poses() -> dict[str, Any]:
     return {
         "scale": {
             "one_place": scale.ONE_PLACE,
-            "rounding": scale.ROUNDING,
             "metric_distance": scale.METRIC_DISTANCE,
         },
         "suspects": {

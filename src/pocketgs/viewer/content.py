@@ -14,7 +14,7 @@ from PIL import Image
 
 from pocketgs.capture.capture import Capture
 from pocketgs.geometry.camera import Camera
-from pocketgs.geometry.camera_geometry import focus_point, looks_at, upward
+from pocketgs.geometry.camera_geometry import focus_point, looks_at, spread_of, upward
 from pocketgs.scene.background import BLACK, Background
 
 UP = (0.0, -1.0, 0.0)
@@ -132,7 +132,8 @@ def looked_at(views: Sequence[View]) -> tuple[list[float], list[float]]:
     if not looks_at(cameras, target):
         # Cameras that face outwards have no common subject: use the first one's view.
         centres = np.array([camera.centre for camera in cameras])
-        target = cameras[0].centre + cameras[0].forward * (float(np.ptp(centres, axis=0).max()) or 1.0)
+        distance = float(np.ptp(centres, axis=0).max()) if spread_of(centres) > 0 else 1.0
+        target = cameras[0].centre + cameras[0].forward * distance
     return upward(cameras).tolist(), target.tolist()
 
 

@@ -13,7 +13,7 @@ from pocketgs.capture.frame_edits import cropped, downscaled
 from pocketgs.capture.synthetic import true_capture
 from pocketgs.prior.features import detection
 from pocketgs.prior.features.cpu.finder import CpuFinder
-from pocketgs.prior.features.detection import detect_all
+from pocketgs.prior.features.detection import detect_all, detection_side
 
 MOST = 500
 FINDER = CpuFinder()
@@ -78,3 +78,9 @@ def test_many_frames_have_fewer_features_each(photographs: list[Frame], monkeypa
 
 def test_no_frames() -> None:
     assert detect_all([], MOST, FINDER) == []
+
+
+def test_no_image_has_more_pixels_than_the_finder_takes() -> None:
+    """Nor a square one among wide ones, which has most pixels for its longer side."""
+    assert detection_side([(1280, 720)] * 3, 360 * 640) == 640
+    assert detection_side([(1280, 720)] * 3 + [(1280, 1280)], 500**2) == 500

@@ -61,7 +61,10 @@ def draw_points(frames: Sequence[Frame], count: int, seed: int = 0) -> PointClou
     positions, colours, rivals = (np.concatenate(arrays) for arrays in zip(*drawn, strict=True))
     solid = np.flatnonzero(~outside_hull(positions, frames))
     if len(solid) < MIN_POINTS:
-        raise PocketGSError(f"no volume is seen by several of the {len(frames)} cameras: are the poses right?")
+        raise PocketGSError(
+            f"no volume is seen by several of the {len(frames)} cameras: are the poses right, and does each photograph "
+            "show something, not masked or transparent?"
+        )
     best = solid[np.argsort(rivals[solid], kind="stable")[:count]]
     return PointCloud(positions[best], colours[best])
 

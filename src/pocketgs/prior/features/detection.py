@@ -70,8 +70,9 @@ def detection_side(sizes: Sequence[tuple[int, int]], most_pixels: float = np.inf
         sizes: width and height of each frame.
         most_pixels: maximum number of pixels of an image, see `FeatureFinder`.
     """
-    shape = float(np.median([max(size) / min(size) for size in sizes]))
-    return int(min(MAX_SIDE, np.sqrt(min(PIXELS / len(sizes), most_pixels) * shape)))
+    shapes = [max(size) / min(size) for size in sizes]
+    # The squarest image has most pixels for its longer side.
+    return int(min(MAX_SIDE, np.sqrt(PIXELS / len(sizes) * np.median(shapes)), np.sqrt(most_pixels * min(shapes))))
 
 
 def _detect_in_memory(frame: Frame, most: int, finder: FeatureFinder, side: int) -> Features:

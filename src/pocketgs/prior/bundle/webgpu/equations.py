@@ -98,7 +98,8 @@ class WebGpuEquations:
 
     def reduced(self, estimate: Estimate, damping: float) -> CameraEquations:
         """The equations for the cameras' step."""
-        middle = estimate.centres.mean(axis=0)
+        # Not the mean: a camera that ran away would move it so far that the others lose their digits.
+        middle = np.median(estimate.centres, axis=0)
         points, centres = estimate.points - middle, estimate.centres - middle
         self._unit = float(np.median(np.abs(points).max(axis=1))) or 1.0
         focal, rotations = self._sightings.intrinsics[:, :2], estimate.rotations.reshape(-1, 9)

@@ -69,9 +69,6 @@ function guess(cameras, isMetric, { volume, prior: { scale } }) {
 }
 
 /** Whether there are several cameras, in one place. */
-function areInOnePlace(cameras, isMetric, { one_place: place, rounding }) {
-    const centres = cameras.map(centreOf);
-    const farthest = Math.max(...centres.flat().map(Math.abs));
-    const within = isMetric ? place : Math.max(rounding * farthest, rounding ** 2);
-    return cameras.length > 1 && spreadOf(centres) <= within;
+function areInOnePlace(cameras, isMetric, { one_place: place }) {
+    return cameras.length > 1 && spreadOf(cameras.map(centreOf)) <= (isMetric ? place : 0);
 }

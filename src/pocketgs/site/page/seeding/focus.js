@@ -32,16 +32,18 @@ export function meanOf(vectors) {
     return [0, 1, 2].map((axis) => vectors.reduce((sum, v) => sum + v[axis], 0) / vectors.length);
 }
 
-/** Root mean square of the distances from the mean. @type {(points: number[][]) => number} */
+/** Root mean square of the distances from the mean; 0 within rounding. @type {(points: number[][]) => number} */
 export function spreadOf(points) {
     const mean = meanOf(points);
     const squares = points.map((one) => length(subtract(one, mean)) ** 2);
-    return Math.sqrt(squares.reduce((sum, square) => sum + square, 0) / squares.length);
+    const spread = Math.sqrt(squares.reduce((sum, square) => sum + square, 0) / squares.length);
+    return spread > rounding(points) ? spread : 0;
 }
 
-/** Whether the point lies in front of more than half of the cameras. */
+/** Whether the point lies in front of more than half of the cameras, by more than rounding. */
 export function looksAt(cameras, point) {
-    const inFront = cameras.filter((camera) => dot(forwardOf(camera), subtract(point, centreOf(camera))) > 0);
+    const least = rounding(cameras.map(centreOf));
+    const inFront = cameras.filter((camera) => dot(forwardOf(camera), subtract(point, centreOf(camera))) > least);
     return 2 * inFront.length > cameras.length;
 }
 
@@ -55,6 +57,8 @@ function leastSquares(matrix, right, least) {
         [0, 0, 0],
     );
 }
+
+const rounding = (points) => 1e-9 * Math.max(...points.flat().map(Math.abs), 1e-9);
 
 const withoutPart = (vector, direction) => add(vector, direction, -dot(vector, direction));
 

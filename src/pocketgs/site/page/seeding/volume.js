@@ -39,7 +39,10 @@ export function drawPoints(frames, count, seed, settings) {
     const outside = outsideHull(positions, frames, settings.judging_points);
     const solid = drawn.filter((_, i) => !outside[i]);
     if (solid.length < settings.min_points) {
-        throw new Error(`no volume is seen by several of the ${frames.length} cameras: are the poses right?`);
+        throw new Error(
+            `no volume is seen by several of the ${frames.length} cameras: are the poses right, and does each photograph ` +
+                "show something, not masked or transparent?",
+        );
     }
     const best = solid.sort((a, b) => a.rivals - b.rivals).slice(0, count);
     return {

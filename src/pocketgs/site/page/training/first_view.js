@@ -5,7 +5,7 @@
  */
 
 import { centreOf, forwardOf } from "../capture/camera.js";
-import { focusPoint, looksAt } from "../seeding/focus.js";
+import { focusPoint, looksAt, spreadOf } from "../seeding/focus.js";
 import { add, length, normalised, subtract } from "../../page/scene/vectors.js";
 
 /**
@@ -20,7 +20,8 @@ export function firstView({ train, heldOut }, settings) {
     const cameras = train.map(({ camera }) => camera);
     const { camera, rgba } = heldOut[0] ?? train[0];
     const focus = focusPoint(cameras, settings);
-    const spread = Math.max(...cameras.map((one) => length(subtract(centreOf(one), centreOf(camera)))));
+    const centres = cameras.map(centreOf);
+    const spread = spreadOf(centres) && Math.max(...centres.map((one) => length(subtract(one, centreOf(camera)))));
     // Cameras that face outwards have no common subject.
     const target = looksAt(cameras, focus) ? focus : add(centreOf(camera), forwardOf(camera), spread || 1);
     const upward = cameras.map(({ world_to_camera: m }) => [-m[4], -m[5], -m[6]]);
