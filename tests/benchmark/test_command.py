@@ -97,6 +97,18 @@ def test_another_report_is_not_replaced(
     assert "report.html: stands in a folder without results, expected another --output" in capsys.readouterr().err
 
 
+def test_places_that_cannot_be_written_are_known_before_any_cell(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(command, "compile_kernels", lambda: pytest.fail("the work has begun"))
+    (tmp_path / "toys").mkdir()
+    (tmp_path / "work").write_text("a file")
+    with pytest.raises(SystemExit) as ended:
+        main(bench_arguments(tmp_path / "toys", tmp_path, "--methods", "pocketgs"))
+    assert ended.value.code == 2
+    assert "work: cannot be made (File exists)" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("ends", [KeyboardInterrupt, RuntimeError])
 def test_a_report_that_fails_does_not_hide_what_ended_the_runs(
     ends: type[BaseException],

@@ -163,6 +163,22 @@ def test_a_capture_read_in_two_ways_is_in_the_table_if_asked_for(tmp_path: Path)
     assert session.comparable(results, [of("2", "no-dense")], conditions) == [*halves, results[3]]
 
 
+def test_what_the_benchmark_writes_into_a_capture_is_no_part_of_it(capture_folder: Path, tmp_path: Path) -> None:
+    """But a capture inside such a folder is one."""
+    work, outside = capture_folder / "output" / "bench", tmp_path
+    before = BenchCapture("toys", capture_folder).files
+    assert BenchCapture("toys", capture_folder, written=(work, outside)).files == before
+    work.mkdir(parents=True)
+    (work / "toys.pocketgs.0.log").write_text("iteration 1")
+    assert BenchCapture("toys", capture_folder, written=(work, outside)).files == before
+    assert BenchCapture("toys", capture_folder).files != before
+
+
+def test_a_negative_seed_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(PocketGSError, match="seed: found -1, expected at least 0"):
+        session.plan_jobs([METHODS["pocketgs"]], [BenchCapture("toys", tmp_path)], (0, -1), ())
+
+
 def test_a_seed_named_twice_is_refused(tmp_path: Path) -> None:
     with pytest.raises(PocketGSError, match="seed 0: named twice"):
         session.plan_jobs([METHODS["pocketgs"]], [BenchCapture("fern", tmp_path)], (0, 1, 0), ())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -38,6 +39,43 @@ def test_reads_back(exported: Path, small_capture: Capture) -> None:
     assert small_capture.points is not None
     assert np.array_equal(found.points.positions, small_capture.points.positions)
     np.testing.assert_allclose(found.points.colours, small_capture.points.colours, atol=0.5 / 255 + 1e-6)
+
+
+def split_of(capture: Capture, left_out: set[int], every: int = 8) -> Capture:
+    """Views with every n-th held out, without some of them."""
+    frames = [replace(capture.train[0], name=f"{number:02d}.png") for number in range(20)]
+    kept = [(at, frame) for at, frame in enumerate(frames) if at not in left_out]
+    train, held_out = ([frame for at, frame in kept if (at % every == 0) == held] for held in (False, True))
+    return replace(capture, train=train, held_out=held_out)
+
+
+@pytest.mark.parametrize(
+    ("left_out", "warning"),
+    [
+        (set(), None),
+        ({1, 9, 17}, None),
+        ({1, 2, 3, 4}, "3 views are held out, more than every 8th of 16 images: hold out all from 15_16.png on"),
+        ({8, 16}, "1 view is held out, fewer than every 8th of 18 images: hold out none from 08_09.png on"),
+    ],
+)
+def test_every_eighth_by_name_is_held_out_where_views_are_missing(
+    tmp_path: Path, small_capture: Capture, left_out: set[int], warning: str | None
+) -> None:
+    warnings: list[str] = []
+    capture = split_of(small_capture, left_out)
+    export_capture(tmp_path / "model", capture, on_warning=warnings.append)
+    assert warnings == ([warning] if warning else [])
+    found = open_capture(tmp_path / "model")
+    assert len(found.frames) == len(capture.frames)
+    if not warning:
+        assert [frame.name[-6:] for frame in found.held_out] == [frame.name for frame in capture.held_out]
+
+
+def test_every_third_is_held_out_if_the_split_is_that(tmp_path: Path, small_capture: Capture) -> None:
+    capture = split_of(small_capture, {4}, every=3)
+    export_capture(tmp_path / "model", capture, every=3)
+    held_out = open_capture(tmp_path / "model", hold_out=3).held_out
+    assert [frame.name[-6:] for frame in held_out] == [frame.name for frame in capture.held_out]
 
 
 def test_colmap_reads_it(exported: Path, small_capture: Capture) -> None:

@@ -19,7 +19,10 @@ from pocketgs.compression import candidates
 from pocketgs.compression.views import Views
 from pocketgs.errors import PocketGSError
 from pocketgs.results.checkpoint import CHECKPOINT, read_checkpoint, write_checkpoint
+from pocketgs.results.reporter import Reporter
+from pocketgs.results.run import RunResult
 from pocketgs.scene.formats import read_scene
+from pocketgs.scene.gaussians import Gaussians
 from pocketgs.training.options import TrainingOptions
 
 
@@ -163,7 +166,7 @@ def test_a_scene_that_spz_cannot_hold(
     scene.means[1] = 1e7
     scene.save(tmp_path / "broken.ply")
     path, figures = tmp_path / "small.pgs", tmp_path / "figures.json"
-    options = ["--output", path, "--json", figures, "--size", 0.02, "--time-budget", 1]
+    options = ["--output", path, "--json", figures, "--size", 0.02, "--time-budget", 1, "--poses-of", result]
     outcome = pocketgs("compress", tmp_path / "broken.ply", written_capture, *options)
     assert outcome.status == 0
     left_out = f"broken.ply: 1 of {len(scene):,} Gaussians hold NaN or infinity and are left out"
@@ -214,6 +217,25 @@ def test_transients_of_the_run_are_left_out(
     # As with another number of training views.
     write_checkpoint(result / CHECKPOINT, replace(checkpoint, transients=tuple(cells[1:])), {})
     assert all(frame.mask is None for frame in as_trained_on(result, capture).train)
+
+
+def test_photographs_that_the_run_left_out_whole_are_not_distilled_from(
+    pocketgs: Callable[..., Any], result: Path, written_capture: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cells = [np.zeros((6, 8), np.bool_) for _ in open_capture(written_capture).train]
+    cells[1][:] = True
+    checkpoint = read_checkpoint(result, {})
+    write_checkpoint(result / CHECKPOINT, replace(checkpoint, transients=tuple(cells)), {})
+    seen: list[Capture] = []
+
+    def stop(_: Gaussians, capture: Capture, *__: object) -> NoReturn:
+        seen.append(capture)
+        raise PocketGSError("enough is known")
+
+    monkeypatch.setattr("pocketgs.cli.commands.distil.distil_scene", stop)
+    outcome = pocketgs("distil", result, written_capture, "--output", tmp_path / "free.ply")
+    assert "enough is known" in outcome.errors
+    assert len(seen[0].train) == len(cells) - 1
 
 
 @pytest.mark.parametrize("command", ["compress", "distil"])
@@ -275,6 +297,26 @@ def test_a_run_outlives_its_compression(
         assert f"compress {tmp_path / 'result'} CAPTURE --output {tmp_path / 'result' / 'scene.pgs'}" in outcome.output
     assert (tmp_path / "result" / "scene.ply").is_file()
     assert all(frame.mask is not None and not frame.mask[0, 0] for frame in given[0].train)
+
+
+@pytest.mark.parametrize("stopped", [False, True])
+def test_a_run_that_was_stopped_is_not_compressed(
+    pocketgs: Callable[..., Any], result: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stopped: bool
+) -> None:
+    """Even if it was stopped after training, while it was evaluated."""
+    summary = json.loads((result / "run.json").read_text())
+    finished = RunResult(result, Gaussians.load(result / "scene.ply"), None, summary, stopped=stopped)
+    compressed: list[object] = []
+
+    def train(*_: object, reporter: Reporter, **__: object) -> RunResult:
+        reporter.on_prepared(Capture("room", tmp_path, "toys", [], []))
+        return finished
+
+    monkeypatch.setattr(compressing_run, "run", train)
+    monkeypatch.setattr(compressing_run.CompressingRun, "_compress", lambda *given: compressed.append(given))
+    outcome = pocketgs("train", tmp_path / "room", "--output", result, "--compress")
+    assert bool(compressed) != stopped
+    assert ("not compressed, since the run was stopped: pocketgs compress" in outcome.output) == stopped
 
 
 def test_two_fifths_of_a_time_budget_are_for_compression(

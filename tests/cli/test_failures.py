@@ -319,3 +319,12 @@ def test_in_a_process_of_its_own(pocketgs_process: Callable[..., subprocess.Pope
     assert (process.returncode, output) == (2, "")
     assert not output_folder.parent.exists()
     assert errors == f"pocketgs: {tmp_path / 'none'}: no such file or folder, expected a capture\n"
+
+
+def test_ctrl_c_names_what_is_kept(pocketgs: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    def stop(*_: object) -> None:
+        raise KeyboardInterrupt("scene.ply is kept in out/unpublished-1234")
+
+    monkeypatch.setattr("pocketgs.cli.commands.evaluate.run_of", stop)
+    outcome = pocketgs("eval", "scene.ply", "capture")
+    assert (outcome.status, outcome.errors) == (130, "pocketgs: stopped: scene.ply is kept in out/unpublished-1234\n")

@@ -14,7 +14,7 @@ import pytest
 from plyfile import PlyData, PlyElement
 
 from cli.conftest import Outcome
-from pocketgs.cli.output_file import SCENE_FILE, VIDEO_FILE, check_place
+from pocketgs.cli.output_file import SCENE_FILE, VIDEO_FILE, check_place, make_writable
 from pocketgs.errors import PocketGSError
 from pocketgs.results.video import write_video
 from pocketgs.scene.formats import FORMATS, write_scene
@@ -61,6 +61,36 @@ def test_the_scene_that_is_read_stays(tmp_path: Path, scene: Path, pocketgs: Cal
         assert outcome.status == 2
         assert "is what the command reads, expected another name for the output" in outcome.errors
     assert scene.read_bytes() == before
+
+
+def test_a_folder_that_cannot_be_written_to_is_known_before_the_work(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    output = tmp_path / "new" / "out.ply"
+    make_writable(output.parent)
+    check_place(output, SCENE_FILE, [])
+    assert list(output.parent.iterdir()) == []
+
+    def refuse(*_: Any, **__: Any) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(Path, "touch", refuse)
+    with pytest.raises(PocketGSError, match=r"out\.ply: cannot be written \(Permission denied\)"):
+        check_place(output, SCENE_FILE, [])
+    monkeypatch.setattr(Path, "mkdir", refuse)
+    with pytest.raises(PocketGSError, match=r"new: cannot be made \(Permission denied\)"):
+        make_writable(output.parent)
+
+
+def test_figures_are_written_though_nobody_reads_the_table(
+    result: Path, written_capture: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, pocketgs: Callable[..., Any]
+) -> None:
+    def closed(*_: object) -> None:
+        raise BrokenPipeError(32, "Broken pipe")
+
+    monkeypatch.setattr("pocketgs.cli.commands.evaluate.print_evaluation", closed)
+    assert pocketgs("eval", result, written_capture, "--json", tmp_path / "figures.json").status == 2
+    assert json.loads((tmp_path / "figures.json").read_text())["psnr"] > 0
 
 
 @pytest.mark.parametrize("command", ["convert", "distil", "eval", "compress"])

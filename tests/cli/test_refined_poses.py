@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,11 @@ from PIL import Image
 
 from pocketgs import Gaussians
 from pocketgs.capture import open_capture
+from pocketgs.errors import PocketGSError
+from pocketgs.files.manifest import MANIFEST, read_manifest, source_of
+from pocketgs.geometry.camera import Camera
 from pocketgs.results.cameras_file import read_cameras
+from scene.formats.scenes import random_scene
 
 
 def record_of(folder: Path) -> dict[str, Any]:
@@ -85,6 +90,66 @@ def test_at_the_captures_own_poses_the_scene_is_seen_from_elsewhere(
     assert json.loads(file.read_text())["psnr"] < record_of(small_demo / "result")["psnr"] - 0.5
 
 
+def test_a_scene_outside_its_result_folder(pocketgs: Callable[..., Any], small_demo: Path) -> None:
+    """It is judged at the poses of the result that is named; without one, a warning says that its run is unknown."""
+    result, capture, alone = small_demo / "result", small_demo / "capture", small_demo / "alone.ply"
+    shutil.move(result / "scene.ply", alone)
+    file = small_demo / "figures.json"
+    outcome = pocketgs("eval", alone, capture, "--poses-of", result, "--json", file)
+    assert (outcome.status, outcome.errors) == (0, "")
+    assert json.loads(file.read_text())["psnr"] == pytest.approx(record_of(result)["psnr"], abs=1e-6)
+    told = pocketgs("eval", alone, capture).errors
+    assert told.startswith(f"warning: {alone}: lies outside a result folder, so that the capture's own poses are used")
+    assert told.count("\n") == 1
+
+
+@pytest.mark.parametrize("command", ["eval", "render", "view", "compress", "distil", "export-colmap"])
+def test_poses_are_those_of_a_result_with_cameras(pocketgs: Callable[..., Any], tmp_path: Path, command: str) -> None:
+    """Neither a folder nor a scene in one is enough."""
+    random_scene(3, 0).save(tmp_path / "scene.ply")
+    (tmp_path / "run.json").write_text("{}")
+    scene, output = tmp_path / "scene.ply", tmp_path / ("out.pgs" if command == "compress" else "out.ply")
+    arguments = {
+        "eval": [scene, "capture"],
+        "render": [scene, "capture", "--output", tmp_path / "out"],
+        "view": [scene, "--capture", "capture"],
+        "export-colmap": ["capture", tmp_path / "out"],
+    }.get(command, [scene, "capture", "--output", output])
+    for named in (tmp_path, scene, tmp_path / "none"):
+        outcome = pocketgs(command, *arguments, "--poses-of", named)
+        assert (outcome.status, outcome.output) == (2, "")
+        assert f"{named}: expected a result folder" in outcome.errors
+    if command == "view":
+        assert "--poses-of only applies to a capture" in pocketgs("view", scene, "--poses-of", tmp_path).errors
+
+
+@pytest.mark.parametrize("command", ["compress", "distil"])
+def test_work_on_a_scene_outside_its_result_folder(
+    pocketgs: Callable[..., Any], small_demo: Path, monkeypatch: pytest.MonkeyPatch, command: str
+) -> None:
+    """It uses the run's poses, with a capture or, for renderings, without."""
+    shutil.move(small_demo / "result" / "scene.ply", small_demo / "alone.ply")
+    poses = [camera.world_to_camera for camera in read_cameras(small_demo / "result" / "cameras.json").cameras.values()]
+    used: list[np.ndarray] = []
+
+    def stop(scene: Path, what: Any, doing: str) -> None:
+        raise PocketGSError(f"{scene.name}: {doing}")
+
+    def note(scene: Any, cameras: Iterable[Camera], options: Any) -> int:
+        used.extend(camera.world_to_camera for camera in cameras)
+        return 0
+
+    monkeypatch.setattr(f"pocketgs.cli.commands.{command}.memory_needed", note)
+    monkeypatch.setattr(f"pocketgs.cli.commands.{command}.require_memory", stop)
+    for capture in ([small_demo / "capture"], []):
+        arguments = ["--poses-of", small_demo / "result", "--output", small_demo / "out.pgs"]
+        outcome = pocketgs(command, small_demo / "alone.ply", *capture, *arguments)
+        assert "result: " in outcome.errors or "alone.ply: " in outcome.errors
+        assert used
+        assert all(any(np.allclose(one, other) for other in poses) for one in used)
+        used.clear()
+
+
 def test_rendered_views_are_those_of_the_run(pocketgs: Callable[..., Any], small_demo: Path) -> None:
     result, rendered = small_demo / "result", small_demo / "rendered"
     command = ["render", result, small_demo / "capture", "--output", rendered, "--views", "held-out"]
@@ -132,6 +197,32 @@ def test_resumed_run_goes_on_in_the_same_world(pocketgs: Callable[..., Any], sma
     assert (after["resumed_from"], after["iterations"]) == (100, 105)
     assert (small_demo / "result" / "cameras.json").read_bytes() == poses
     assert after["psnr"] > before["psnr"] - 0.5
+
+
+def test_a_demo_replaces_only_a_demo(
+    pocketgs: Callable[..., Any], small_demo: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its own, made by this version or by one that did not record of what, and not the result of another capture."""
+    monkeypatch.chdir(small_demo)
+    folder, begun = Path("output/demo"), []
+    shutil.copytree("result", folder)
+    shutil.move("capture", "output/demo-capture")
+
+    def stop(_: object, output: Path, *__: object, source: str, **___: object) -> None:
+        begun.append((output, source))
+        raise PocketGSError("enough is known")
+
+    monkeypatch.setattr("pocketgs.cli.commands.demo.run", stop)
+    own = source_of(Path("output/demo-capture"))
+    before = read_manifest(folder)
+    for source in (own, None):
+        (folder / MANIFEST).write_text(replace(before, source=source).encoded())
+        assert "enough is known" in pocketgs("demo").errors
+    (folder / MANIFEST).write_text(replace(before, source=source_of(Path("demo"))).encoded())
+    assert "output/demo: holds the result of another capture of this name" in pocketgs("demo").errors
+    assert begun == [(folder, own)] * 2
+    pocketgs("demo", "--output", folder)
+    assert len(begun) == 3
 
 
 def test_demo_folder_of_someone_elses(pocketgs: Callable[..., Any], small_demo: Path) -> None:

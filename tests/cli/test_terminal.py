@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 import shutil
 import sys
 from collections.abc import Callable
@@ -14,7 +15,14 @@ from hypothesis import strategies as st
 from rich.table import Table
 
 from cli.conftest import Outcome
+from pocketgs.cli.compression_table import print_figures
+from pocketgs.cli.display import Display
+from pocketgs.cli.run_lines import STAGES
+from pocketgs.cli.run_result import print_evaluation
 from pocketgs.cli.terminal import Terminal, printable
+from pocketgs.compression.figures import Figures
+from pocketgs.compression.views import Views
+from pocketgs.metrics.evaluation import Evaluation, ImageMetrics
 
 HOSTILE = "a\x1b]0;owned\x07\x1b[2J[red]b\u202e\nc\x9b31m"
 SHOWN = r"a\x1b]0;owned\x07\x1b[2J[red]b\u202e\nc\x9b31m"
@@ -56,6 +64,42 @@ def test_whatever_is_printed_is_escaped(monkeypatch: pytest.MonkeyPatch) -> None
 
 
 @needs_any_name
+@pytest.mark.parametrize("columns", [30, 60, 100])
+def test_a_narrow_terminal_cuts_neither_names_nor_figures(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], columns: int
+) -> None:
+    monkeypatch.setenv("COLUMNS", str(columns))
+    images = [ImageMetrics("images_8/image000.png", 128.43, 0.9185, 28.5, 0.1119, 0.1234)]
+    print_evaluation(Terminal(), Evaluation(images))
+    shown = capsys.readouterr().out
+    assert "128.43 │ 28.50" in re.sub(" +", " ", shown)
+    assert "0.9185 │ 0.1119 │ 0.1234" in re.sub(" +", " ", shown)
+    names = [line.split("│")[1].strip() for line in shown.splitlines() if line.startswith("│")]
+    assert "images_8/image000.png" in "".join(names)
+    rows = [Figures("original", 1_051_229, 8.4, 29.55, 0.921)]
+    print_figures(Terminal(), rows, Views([], [], [], (0.0, 0.0, 0.0), True))
+    assert "1,051,229 │ 8.400" in re.sub(" +", " ", capsys.readouterr().out)
+
+
+def test_tables_in_files_are_as_wide_as_they_need(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.delenv("COLUMNS", raising=False)
+    name = "images/IMG_20240612_134502_HDR_portrait_00001.jpg"
+    print_evaluation(Terminal(), Evaluation([ImageMetrics(name, 28.43, 0.9185, 28.5, 0.1119, 0.1234)]))
+    assert name in capsys.readouterr().out
+
+
+def test_a_dumb_terminal_gets_plain_lines(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setenv("TERM", "dumb")
+    monkeypatch.setenv("FORCE_COLOR", "1")  # counts as a terminal
+    console = Terminal()
+    assert console.is_terminal
+    with Display(console).showing() as reporter:
+        reporter.on_stage("poses")
+    assert STAGES["poses"] in capsys.readouterr().out
+
+
 def test_names_in_errors_and_results(pocketgs: Callable[..., Outcome], result: Path, tmp_path: Path) -> None:
     folder = tmp_path / HOSTILE
     refused = pocketgs("info", folder / "none.ply")

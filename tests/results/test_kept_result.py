@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import signal
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -98,9 +99,25 @@ def test_ctrl_c_twice_during_evaluation_keeps_the_scene(
         raise KeyboardInterrupt
 
     monkeypatch.setattr(evaluation, "psnr", interrupt)
-    with pytest.raises(KeyboardInterrupt):
+    with pytest.raises(KeyboardInterrupt, match=r"scene\.ply is kept in .*unpublished-"):
         train(2)
     assert len(list((tmp_path / "out").glob("unpublished-*/scene.ply"))) == 1
+
+
+def test_ctrl_c_during_evaluation_is_remembered(train: Callable[[int], Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    """The result is complete, but whoever wants more of the run knows."""
+    assert not train(2).stopped
+    measure = evaluation.psnr
+
+    def interrupted(*given: Any) -> Any:
+        signal.raise_signal(signal.SIGINT)
+        monkeypatch.setattr(evaluation, "psnr", measure)
+        return measure(*given)
+
+    monkeypatch.setattr(evaluation, "psnr", interrupted)
+    result = train(2)
+    assert result.stopped
+    assert not result.summary["interrupted"]
 
 
 def test_time_for_checkpoints_is_part_of_the_time_budget(

@@ -25,6 +25,7 @@ from pocketgs.geometry.lens import Lens
 from pocketgs.results.checkpoint import (
     CHECKPOINT,
     INTRINSICS,
+    SEEDS,
     TRAINING_CAMERAS,
     UNFINISHED,
     is_checkpoint,
@@ -195,6 +196,14 @@ def test_checkpoint_of_another_run(tmp_path: Path, checkpoint: Checkpoint, run: 
     write_checkpoint(tmp_path / CHECKPOINT, checkpoint, RUN)
     with pytest.raises(PocketGSError, match="belongs to a run with"):
         read_checkpoint(tmp_path, run)
+
+
+def test_older_checkpoints_know_no_shape_of_seeds(tmp_path: Path, checkpoint: Checkpoint) -> None:
+    write_checkpoint(tmp_path / CHECKPOINT, checkpoint, RUN)
+    assert read_checkpoint(tmp_path, {**RUN, SEEDS: "discs"}).iteration == checkpoint.iteration
+    write_checkpoint(tmp_path / CHECKPOINT, checkpoint, {**RUN, SEEDS: "discs"})
+    with pytest.raises(PocketGSError, match="belongs to a run with seeds 'discs', but this one has 'balls'"):
+        read_checkpoint(tmp_path, {**RUN, SEEDS: "balls"})
 
 
 def test_older_checkpoints_know_no_cameras(tmp_path: Path, checkpoint: Checkpoint) -> None:
@@ -379,6 +388,7 @@ def test_other_lenses_are_another_run(tmp_path: Path, checkpoint: Checkpoint, sm
         {"exposure": "off"},
         {"max_gaussians": 999},
         {"strategy": "adc"},
+        {"seeds": "balls"},
         {"colours": "on"},
         {"transients": "keep"},
     ],

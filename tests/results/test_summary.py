@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from pocketgs.capture import Capture
 from pocketgs.capture.open import list_capture
 from pocketgs.results.checkpoint import CHECKPOINT
 from pocketgs.results.run import run
+from pocketgs.results.summary import _transients
 from pocketgs.splat.colours import transforms_of
 from pocketgs.training.options import TrainingOptions
 
@@ -31,3 +34,9 @@ def test_the_least_and_the_largest_gain_of_learned_colours(small_capture: Captur
         learned = [[matrix[channel, channel] for channel in range(3)] for matrix in transforms_of(stored["colours"])]
     assert found["least_gain"] < 0.999 < 1.001 < found["largest_gain"]
     assert [found["least_gain"], found["largest_gain"]] == pytest.approx([np.min(learned), np.max(learned)])
+
+
+def test_no_share_of_photographs_that_are_all_left_out_whole() -> None:
+    cells = (np.ones((2, 3), np.bool_),) * 2
+    result: Any = SimpleNamespace(checkpoint=SimpleNamespace(transients=cells), left_out=("a.png", "b.png"))
+    assert _transients(result) == {"photographs": 0, "share": 0.0, "left_out": ["a.png", "b.png"]}

@@ -23,6 +23,7 @@ class BenchCapture:
         flags: of `pocketgs train`, for reading it.
         what: description; empty for a user's own.
         origin: where to get it; empty for a user's own.
+        written: folders that the benchmark writes, which are no part of it where they lie inside its folder.
     """
 
     name: str
@@ -30,6 +31,7 @@ class BenchCapture:
     flags: tuple[str, ...] = ()
     what: str = ""
     origin: str = ""
+    written: tuple[Path, ...] = ()
 
     @property
     def folder_name(self) -> str:
@@ -49,9 +51,17 @@ class BenchCapture:
         digest = hashlib.sha256()
         for path in sorted(self.path.rglob("*")):
             place = path.relative_to(self.path)
-            if path.is_file() and not any(part.startswith(".") for part in place.parts):
+            is_hidden = any(part.startswith(".") for part in place.parts)
+            if path.is_file() and not is_hidden and self._written_inside.isdisjoint(place.parents):
                 digest.update(f"{place.as_posix()}\0{path.stat().st_size}\0".encode())
         return digest.hexdigest()[:16]
+
+    @cached_property
+    def _written_inside(self) -> set[Path]:
+        """The folders inside its own that the benchmark writes, relative to it."""
+        root = self.path.resolve()
+        written = (folder.resolve() for folder in self.written)
+        return {folder.relative_to(root) for folder in written if root in folder.parents}
 
 
 DEMO = "demo"

@@ -44,9 +44,11 @@ def plan_jobs(
     """All cells of a table, ordered by seed, so that early results cover the whole table.
 
     Raises:
-        PocketGSError: a seed is named twice.
+        PocketGSError: a seed is named twice, or is negative.
     """
     for seed in seeds:
+        if seed < 0:
+            raise PocketGSError(f"seed: found {seed}, expected at least 0")
         if seeds.count(seed) > 1:
             raise PocketGSError(f"seed {seed}: named twice, expected each once")
     return [Job(method, capture, seed, common_flags) for seed in seeds for capture in captures for method in methods]

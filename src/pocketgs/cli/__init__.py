@@ -65,8 +65,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
             "pocketgs: out of memory: close other programs, or use smaller photographs or fewer Gaussians", style="red"
         )
         sys.exit(USER_ERROR)
-    except KeyboardInterrupt:
-        errors.say("pocketgs: stopped", style="red")
+    except KeyboardInterrupt as stop:
+        errors.say(": ".join(["pocketgs: stopped", *map(str, stop.args)]), style="red")
         sys.exit(STOPPED)
 
 

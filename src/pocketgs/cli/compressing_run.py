@@ -68,8 +68,8 @@ class CompressingRun:
         within = options if budget is None else replace(options, time_budget=TRAINING_TIME * budget)
         watched = replace(reporter, on_prepared=on_prepared)
         result = run(list_capture, self._folder, within, resume=resume, reporter=watched, source=self._source)
-        if result.summary["interrupted"]:
-            self._lines = [f"not compressed, since training was stopped: {self._later}"]
+        if result.stopped:
+            self._lines = [f"not compressed, since the run was stopped: {self._later}"]
             return result
         try:
             self._compress(result, prepared[0], options, reporter)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from rich.table import Table
-
+from pocketgs.cli.figure_table import print_table
 from pocketgs.cli.terminal import Terminal
 from pocketgs.compression.compress import Compressed
 from pocketgs.compression.figures import Figures, figures_of
@@ -40,23 +39,20 @@ def figures_table(original: Gaussians, size: int, found: Compressed, engine: Eng
 
 def print_figures(console: Terminal, rows: list[Figures], views: Views) -> None:
     """Print the table, and on which of the views of the compression its figures of quality are."""
-    table = Table("file", "Gaussians", "MB", "smaller by", "PSNR (dB)", "SSIM")
     original = rows[0].megabytes
-    for row in rows:
-        smaller_by = original / row.megabytes if original and row.megabytes else None
-        table.add_row(
-            row.name,
-            f"{row.gaussians:,}",
-            _cell(row.megabytes, 3),
-            _cell(smaller_by, 1),
-            _cell(row.psnr, 2),
-            _cell(row.ssim, 4),
-        )
-    console.print(table, soft_wrap=False)
+    header = ("file", "Gaussians", "MB", "smaller by", "PSNR (dB)", "SSIM")
+    print_table(console, header, [_cells(row, original) for row in rows])
     if views.reported:
         photographs = "held-out photographs, which took no part in decisions"
         what = photographs if views.photographs else "renderings of the original"
         console.say(f"PSNR and SSIM against {len(views.reported)} {what}")
+
+
+def _cells(row: Figures, original: float | None) -> list[str]:
+    """The figures of a file as text; `original` is the size of the original in megabytes."""
+    smaller_by = original / row.megabytes if original and row.megabytes else None
+    figures = (_cell(row.megabytes, 3), _cell(smaller_by, 1), _cell(row.psnr, 2), _cell(row.ssim, 4))
+    return [row.name, f"{row.gaussians:,}", *figures]
 
 
 def _cell(value: float | None, digits: int) -> str:

@@ -35,7 +35,8 @@ class Display:
     @contextmanager
     def showing(self) -> Iterator[Reporter]:
         """A reporter that shows progress while the block runs."""
-        if self._console.is_terminal:
+        # A dumb terminal cannot redraw a line.
+        if self._console.is_terminal and not self._console.is_dumb_terminal:
             with Live(Text(""), console=self._console, transient=True, refresh_per_second=8) as live:
                 self._live = live
                 yield self._reporter()

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 from pocketgs.errors import PocketGSError
+from pocketgs.files.atomic_file import replacing
 from pocketgs.files.json_fields import read_json
 from pocketgs.files.manifest import read_manifest
 from pocketgs.results.folder import SCENE
@@ -52,12 +54,42 @@ def check_place(output: Path, kind: Kind, inputs: Iterable[Path]) -> None:
         inputs: files and result folders that it reads.
 
     Raises:
-        PocketGSError: it is a folder, or in a folder that does not exist, or `check_replaceable` raises.
+        PocketGSError: it is a folder, or in a folder that does not exist or cannot be written to, or
+            `check_replaceable` raises.
     """
     if output.is_dir() or not output.parent.is_dir():
         found = "is a folder" if output.is_dir() else "its folder does not exist"
         raise PocketGSError(f"{output}: {found}, expected the name of a file in an existing folder")
     check_replaceable(output, kind, inputs)
+    check_writable(output)
+
+
+class _TrialError(Exception):
+    """Ends a trial before anything is replaced."""
+
+
+def check_writable(output: Path) -> None:
+    """Check that a file can be written, by an empty one beside it that does not stay.
+
+    Raises:
+        PocketGSError: it cannot.
+    """
+    with suppress(_TrialError), replacing(output) as partial:
+        partial.touch()
+        raise _TrialError
+
+
+def make_writable(folder: Path) -> None:
+    """Make a folder if there is none, and check that files can be written to it.
+
+    Raises:
+        PocketGSError: it cannot be made, or they cannot.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise PocketGSError(f"{folder}: cannot be made ({error.strerror or error})") from error
+    check_writable(folder / "trial")
 
 
 def check_replaceable(output: Path, kind: Kind, inputs: Iterable[Path]) -> None:

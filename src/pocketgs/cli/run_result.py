@@ -6,9 +6,7 @@ import re
 from collections.abc import Collection
 from dataclasses import dataclass
 
-from rich.table import Table
-from rich.text import Text
-
+from pocketgs.cli.figure_table import print_table
 from pocketgs.cli.terminal import Terminal, printable
 from pocketgs.errors import counted
 from pocketgs.metrics.evaluation import Evaluation, ImageMetrics
@@ -81,16 +79,16 @@ def print_evaluation(console: Terminal, evaluation: Evaluation, apart: Collectio
         apart: names of views whose given poses are contradicted; there is a second mean, without them.
     """
     columns = [column for column in COLUMNS if getattr(evaluation, column.name) is not None]
-    table = Table("held-out view", *(column.title for column in columns))
-    for image in sorted(evaluation.images, key=lambda image: _numbered(image.name)):
-        table.add_row(Text(printable(image.name)), *(column.text_of(image) for column in columns))
-    table.add_section()
-    table.add_row("mean", *(column.text_of(evaluation) for column in columns))
-    others = evaluation.without(apart) if apart else None
-    if others:
-        title = f"without {len(apart)} with contradicted poses"
-        table.add_row(title, *(column.text_of(others) for column in columns))
-    console.print(table, soft_wrap=False)
+    images = sorted(evaluation.images, key=lambda image: _numbered(image.name))
+    means = {"mean": evaluation}
+    if others := evaluation.without(apart) if apart else None:
+        means[f"without {len(apart)} with contradicted poses"] = others
+    print_table(
+        console,
+        ["held-out view", *(column.title for column in columns)],
+        [[image.name, *(column.text_of(image) for column in columns)] for image in images],
+        [[name, *(column.text_of(mean) for column in columns)] for name, mean in means.items()],
+    )
     if evaluation.lpips_note:
         console.say(evaluation.lpips_note, style="dim")
 

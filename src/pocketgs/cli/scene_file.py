@@ -40,6 +40,11 @@ OTHER_SCENES = (".ksplat", ".splatv", ".spx", ".lcc", ".rad")
 UNBUNDLED = ("meta.json", "means_l.webp")
 """Files of a SOG in a folder."""
 
+OWN_POSES = (
+    "lies outside a result folder, so that the capture's own poses are used: if its run refined them, name its result "
+    "folder by --poses-of"
+)
+
 
 def names_scene(path: Path) -> bool:
     """Whether a path is a scene, also of a kind that cannot be read, or a result folder, rather than a capture."""
@@ -57,6 +62,26 @@ def _holds(folder: Path, names: Iterable[str]) -> bool:
 def folder_of(scene: Path) -> Path:
     """The result folder that a scene belongs to, if it belongs to one."""
     return scene if scene.is_dir() else scene.parent
+
+
+def run_of(scene: Path, poses_of: Path | None) -> Path:
+    """What tells how a scene was trained: the result that the user names, or the scene itself, which may lie in one.
+
+    Raises:
+        PocketGSError: what the user names is no result with the cameras of a run.
+    """
+    return scene if poses_of is None else checked_result(poses_of)
+
+
+def checked_result(named: Path) -> Path:
+    """A result folder, or a file in one, as the user named it.
+
+    Raises:
+        PocketGSError: it is none, or holds no cameras of a run.
+    """
+    if not (named.exists() and holds_cameras(folder_of(named) / CAMERAS)):
+        raise PocketGSError(f"{named}: expected a result folder")
+    return named
 
 
 def capture_of(scene: Path, capture: Path) -> Path:
@@ -133,7 +158,7 @@ def read_for(scene: Path, capture: Path, reading: CaptureOptions) -> Capture:
     """Read the capture of a scene, on the background of the scene's run unless the options have another.
 
     Args:
-        scene: a scene file or a result folder.
+        scene: a scene file or a result folder, see `run_of`.
         capture: as the user named it.
         reading: options of the command.
 
@@ -171,13 +196,22 @@ def warn(scene: Path, warning: str) -> None:
 def in_world_of(path: Path, capture: Capture) -> Capture:
     """The capture with the poses that the scene was trained with, if they differ from the capture's.
 
-    Without the photographs that the scene's run has left out; a warning names them.
+    Without the photographs that the scene's run has left out; a warning names them. So does one say that the run of a
+    lone file is unknown.
+
+    Args:
+        path: a scene file or a result folder, see `run_of`.
+        capture: with its own poses.
 
     Raises:
         PocketGSError: they cannot be read.
     """
     cameras = folder_of(path) / CAMERAS
-    return with_poses_of(capture, cameras, partial(warn, path)) if holds_cameras(cameras) else capture
+    if holds_cameras(cameras):
+        return with_poses_of(capture, cameras, partial(warn, path))
+    if not path.is_dir():
+        warn(path, OWN_POSES)
+    return capture
 
 
 def as_trained_on(path: Path, capture: Capture) -> Capture:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import unicodedata
 from collections.abc import Iterable
@@ -11,6 +12,10 @@ from rich.segment import Segment
 
 STEERING = frozenset({"Cc", "Cf", "Cs", "Zl", "Zp"})
 """Unicode categories of control characters, direction marks, line breaks, and surrogates."""
+
+
+WIDTH_OF_FILES = 200
+"""Columns of tables in files and pipes, which have no width of their own."""
 
 
 def printable(text: str) -> str:
@@ -36,6 +41,8 @@ class Terminal(Console):
 
     def __init__(self, *, to_errors: bool = False) -> None:
         super().__init__(stderr=to_errors, markup=False, highlight=False, emoji=False, soft_wrap=True)
+        if not self.is_terminal and "COLUMNS" not in os.environ:
+            self.width = WIDTH_OF_FILES
         # Characters that the terminal's encoding lacks are printed as escapes.
         stream = sys.stderr if to_errors else sys.stdout
         if hasattr(stream, "reconfigure"):

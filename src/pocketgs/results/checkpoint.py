@@ -34,6 +34,9 @@ MAX_GAUSSIANS = "planned gaussians"
 SH_DEGREE = "SH degree"
 """Key of the degree of the spherical harmonics."""
 
+SEEDS = "seeds"
+"""Key of the shape of the seeds."""
+
 TRAINING_CAMERAS = "training cameras"
 """Key of the digest of the training views' names and poses, as the capture's files give them."""
 
@@ -156,6 +159,7 @@ def read_checkpoint(folder: Path, run: dict[str, Any]) -> Checkpoint:
             written = dict(json.loads(str(data["run"])))
             gaussians = Gaussians(*(data[name] for name in PARAMETERS))
             written[SH_DEGREE] = gaussians.sh_degree  # older checkpoints have none where the recipe decided
+            written.setdefault(SEEDS, run.get(SEEDS))  # older checkpoints have none
             near = float(data["near"]) if "near" in data else None
             colours = data.get("colours")
             state = OptimiserState(data["first_moments"], data["second_moments"], int(data["steps"]), near, colours)

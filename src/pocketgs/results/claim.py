@@ -46,6 +46,7 @@ class Claim:
             PocketGSError: the folder cannot be written to, a file that the block wrote is missing, or another program's
                 file is in the way; in the last case a complete result is kept elsewhere. Also any error of the block
                 after which something was kept.
+            KeyboardInterrupt: Ctrl-C; its message says what was kept.
         """
         staging = None
         try:
@@ -61,6 +62,8 @@ class Claim:
             if kept and isinstance(error, Exception):
                 reason = str(error) if isinstance(error, PocketGSError) else repr(error)
                 raise PocketGSError(f"{reason}{where}") from error
+            if kept and isinstance(error, KeyboardInterrupt):
+                raise KeyboardInterrupt(f"{precious} is kept in {kept}") from error
             raise
         finally:
             with suppress(OSError):

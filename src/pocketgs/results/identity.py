@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from pocketgs.capture.capture import Capture, Frame
-from pocketgs.results.checkpoint import INTRINSICS, MAX_GAUSSIANS, SH_DEGREE, SHRINK, TRAINING_CAMERAS
+from pocketgs.results.checkpoint import INTRINSICS, MAX_GAUSSIANS, SEEDS, SH_DEGREE, SHRINK, TRAINING_CAMERAS
 from pocketgs.training.options import SizedOptions
 from pocketgs.training.planning.plan import Plan
 from pocketgs.training.recipes import recipe_named
@@ -46,6 +46,7 @@ def identity_of(capture: Capture, options: SizedOptions, plan: Plan) -> dict[str
         "exposure": options.exposure,
         "max gaussians": options.max_gaussians,
         "strategy": options.strategy,
+        SEEDS: options.seeds,
         SHRINK: plan.shrink,
         MAX_GAUSSIANS: plan.gaussians,
         "colours": options.colours,

@@ -63,6 +63,7 @@ class RunResult:
         summary: the content of `run.json`.
         transients: (h, w) bool for each training view, its cells that were left out, see
             `pocketgs.training.transients`; None if none were looked for.
+        stopped: whether Ctrl-C was pressed, during training or later.
     """
 
     folder: Path
@@ -70,6 +71,7 @@ class RunResult:
     evaluation: Evaluation | None
     summary: dict[str, Any]
     transients: tuple[np.ndarray, ...] | None = None
+    stopped: bool = False
 
 
 def run(
@@ -161,8 +163,9 @@ def _run(
         reporter.on_prior(prepared.report)
     reporter.on_prepared(prepared)
     result = _trained(session, prepared, identity, checkpoint)
-    with deferred_interrupt():
-        return _publish(session, capture, prepared, identity, result)
+    with deferred_interrupt() as interrupt:
+        published = _publish(session, capture, prepared, identity, result)
+    return replace(published, stopped=result.interrupted or interrupt.requested)
 
 
 def _checkpoint(folder: Path, identity: dict[str, Any], options: SizedOptions) -> Checkpoint:

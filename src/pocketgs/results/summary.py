@@ -125,7 +125,7 @@ def _transients(result: TrainingResult) -> dict[str, Any] | None:
     shares = [float(cells.mean()) for cells in kept]
     return {
         "photographs": sum(share > 0 for share in shares),
-        "share": sum(shares) / len(shares),
+        "share": sum(shares) / max(len(shares), 1),
         "left_out": list(result.left_out),
     }
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -24,6 +24,7 @@ from pocketgs.benchmark.table import markdown_table
 from pocketgs.capture.options import CaptureOptions
 from pocketgs.capture.synthetic import write_demo
 from pocketgs.cli.flags import flags_of
+from pocketgs.cli.output_file import make_writable
 from pocketgs.cli.terminal import Terminal, printable
 from pocketgs.errors import PocketGSError
 from pocketgs.files.atomic_file import replacing
@@ -105,11 +106,14 @@ def bench(
         return
     check_report_possible()
     _check_output(output)
-    chosen = captures_named(captures, known, flags_of(reading))
+    named = captures_named(captures, known, flags_of(reading))
+    chosen = [replace(capture, written=(output, work, demo)) for capture in named]
     jobs = plan_jobs(methods_named(methods), chosen, seeds, everywhere.flags)
     conditions = present_conditions(everywhere.flags)
     left = jobs if again else remaining(jobs, read_results(output), conditions)
     console.say(f"{len(jobs)} cells, {len(jobs) - len(left)} of them done before")
+    for folder in (output, work) if left else ():
+        make_writable(folder)
     found: list[CellResult] = []
     try:
         if left:

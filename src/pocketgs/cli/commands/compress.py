@@ -14,7 +14,15 @@ from pocketgs.cli.compression_table import closing_lines, figures_table, print_f
 from pocketgs.cli.display import Display
 from pocketgs.cli.output_file import SCENE_FILE, check_place, json_with
 from pocketgs.cli.own_views import own_background, own_cameras
-from pocketgs.cli.scene_file import as_trained_on, folder_of, load_scene, names_scene, read_for, without_broken
+from pocketgs.cli.scene_file import (
+    as_trained_on,
+    folder_of,
+    load_scene,
+    names_scene,
+    read_for,
+    run_of,
+    without_broken,
+)
 from pocketgs.cli.terminal import Terminal
 from pocketgs.cli.timed_compression import compress_in_time
 from pocketgs.compression.compress import memory_needed
@@ -42,6 +50,7 @@ def compress(
     *,
     output: Path,
     json: Path | None = None,
+    poses_of: Path | None = None,
     compression: CompressionOptions = CompressionOptions(),  # noqa: B008 - a frozen dataclass
     engine: EngineOptions = EngineOptions(),  # noqa: B008 - a frozen dataclass
     reading: CaptureOptions = CaptureOptions(),  # noqa: B008 - a frozen dataclass
@@ -56,6 +65,8 @@ def compress(
             scene itself take the photographs' place, from the cameras of its result, or from around it.
         output: The file to write, which ends in .pgs.
         json: File for the figures of the table.
+        poses_of: The result folder of the scene's run, if the scene lies outside it: for its poses, background,
+            split and what moved.
         compression: Options of the compression.
         engine: Options of the engine.
         reading: Options for reading the capture.
@@ -63,13 +74,13 @@ def compress(
     _check_names(scene, capture, output, json)
     if capture is None:
         check_without_capture(reading, "the capture after the scene", but=("background",))
-    console = Terminal()
+    console, run = Terminal(), run_of(scene, poses_of)
     # For the whole work: files are read back to be judged.
     with memory_bound(engine.max_memory):
         original = drawable(without_broken(scene, load_scene(scene)))
         size = (scene / SCENE if scene.is_dir() else scene).stat().st_size
         renderer = create_engine(engine)
-        views = _views(scene, original, capture, renderer, reading)
+        views = _views(run, original, capture, renderer, reading)
         check_comparable([*views.judges, *views.reported])
         with Display(console).showing() as shown:
             shown.on_stage("compressing")
@@ -126,18 +137,18 @@ def _is_of_result(scene: Path, output: Path) -> bool:
     return is_place and SCENE in read_manifest(folder).files
 
 
-def _views(scene: Path, original: Gaussians, capture: Path | None, engine: Engine, reading: CaptureOptions) -> Views:
-    """The views to fine-tune, judge and report on.
+def _views(run: Path, original: Gaussians, capture: Path | None, engine: Engine, reading: CaptureOptions) -> Views:
+    """The views to fine-tune, judge and report on; `run` tells how the scene was trained, see `run_of`.
 
     Raises:
         PocketGSError: the capture, or a file of the result folder, cannot be read, or compression would take too much
             memory.
     """
     if capture is not None:
-        opened = as_trained_on(scene, read_for(scene, capture, reading))
-        require_memory(scene, memory_needed(original, [frame.camera for frame in opened.train], engine), "compression")
+        opened = as_trained_on(run, read_for(run, capture, reading))
+        require_memory(run, memory_needed(original, [frame.camera for frame in opened.train], engine), "compression")
         return photographed(opened)
-    background = reading.background or own_background(scene)
-    chosen = own_cameras(scene, original)
-    require_memory(scene, memory_needed(original, chosen.values(), engine), "compression")
+    background = reading.background or own_background(run)
+    chosen = own_cameras(run, original)
+    require_memory(run, memory_needed(original, chosen.values(), engine), "compression")
     return rendered(original, chosen, engine, background)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -13,8 +14,9 @@ from pocketgs.cli.capture_options import check_without_capture
 from pocketgs.cli.display import Display
 from pocketgs.cli.output_file import SCENE_FILE, check_place
 from pocketgs.cli.own_views import cameras_of_result, rendered_capture
-from pocketgs.cli.scene_file import as_trained_on, load_scene, read_for, without_broken
+from pocketgs.cli.scene_file import as_trained_on, load_scene, read_for, run_of, without_broken
 from pocketgs.cli.terminal import Terminal
+from pocketgs.compression.views import photographed
 from pocketgs.files.memory_bound import DEFAULT_MB, memory_bound, require_memory
 from pocketgs.geometry.camera import Camera
 from pocketgs.scene.edits import drawable
@@ -30,6 +32,7 @@ def distil(
     capture: Annotated[Path | None, tyro.conf.Positional] = None,
     *,
     output: Path,
+    poses_of: Path | None = None,
     options: DistilOptions = DistilOptions(),  # noqa: B008 - a frozen dataclass
     reading: CaptureOptions = CaptureOptions(),  # noqa: B008 - a frozen dataclass
     max_memory: int = DEFAULT_MB,
@@ -42,11 +45,13 @@ def distil(
             place, from the cameras of its result.
         output: The file to write: a .ply, or a small .pgs. PocketGS draws both as trained; other programs read the
             .ply but sort its Gaussians.
+        poses_of: The result folder of the scene's run, if the scene lies outside it: for its poses, background and
+            what moved.
         options: Options of distilling.
         reading: Options for reading the capture.
         max_memory: Megabytes that reading, and distilling, may take; what needs more is refused before it starts.
     """
-    console = Terminal()
+    console, run = Terminal(), run_of(scene, poses_of)
     check_name(output)
     check_place(output, SCENE_FILE, [scene, *([capture] if capture else [])])
     if capture is None:
@@ -55,11 +60,12 @@ def distil(
         teacher = drawable(without_broken(scene, load_scene(scene)))
         check_storable(output, teacher)
         if capture is None:
-            _require_memory(scene, teacher, cameras_of_result(scene).values(), options)
+            _require_memory(scene, teacher, cameras_of_result(run).values(), options)
             engine = create_engine(options.engine_options)
-            opened = rendered_capture(scene, teacher, engine, reading.background)
+            opened = rendered_capture(run, teacher, engine, reading.background)
         else:
-            opened = as_trained_on(scene, read_for(scene, capture, reading))
+            opened = as_trained_on(run, read_for(run, capture, reading))
+            opened = replace(opened, train=photographed(opened).train)
             _require_memory(scene, teacher, [frame.camera for frame in opened.train], options)
     with Display(console).showing() as reporter:
         stages: list[str] = []

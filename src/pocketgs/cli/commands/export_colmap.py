@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -10,9 +11,8 @@ import tyro
 from pocketgs.capture.colmap_export import export_capture
 from pocketgs.capture.options import CaptureOptions
 from pocketgs.cli.capture_options import read_capture
-from pocketgs.cli.scene_file import capture_of, in_world_of, names_scene, warn
+from pocketgs.cli.scene_file import capture_of, checked_result, in_world_of, warn
 from pocketgs.cli.terminal import Terminal
-from pocketgs.errors import PocketGSError
 from pocketgs.files.memory_bound import DEFAULT_MB, memory_bound
 
 NO_POINTS = (
@@ -37,8 +37,8 @@ def export_colmap(
         max_memory: Megabytes that reading may take; larger files are refused.
         reading: Options for reading the capture; images are written as read.
     """
-    if poses_of is not None and not names_scene(poses_of):
-        raise PocketGSError(f"{poses_of}: expected a result folder")
+    if poses_of is not None:
+        checked_result(poses_of)
     with memory_bound(max_memory):
         opened = read_capture(capture if poses_of is None else capture_of(poses_of, capture), reading)
     if poses_of is not None:
@@ -46,7 +46,7 @@ def export_colmap(
         opened = in_world_of(poses_of, opened)
         if own is not None and opened.points is None:
             warn(poses_of, NO_POINTS)
-    export_capture(output, opened)
+    export_capture(output, opened, reading.hold_out, partial(warn, output))
     points = 0 if opened.points is None else len(opened.points)
     said = f"{len(opened.frames)} images and cameras, {points:,} points in {output} ({opened.protocol})"
     Terminal().say(said)

@@ -15,7 +15,7 @@ from pocketgs.capture.decoding.video_file import VIDEO_SUFFIXES
 from pocketgs.capture.open import video_of
 from pocketgs.capture.options import CaptureOptions
 from pocketgs.cli.output_file import VIDEO_FILE, check_replaceable
-from pocketgs.cli.scene_file import drawn_by, in_world_of, read_for
+from pocketgs.cli.scene_file import drawn_by, in_world_of, read_for, run_of
 from pocketgs.cli.terminal import Terminal
 from pocketgs.errors import PocketGSError, counted
 from pocketgs.files.memory_bound import memory_bound
@@ -51,6 +51,7 @@ def render(
     show: Show = "colour",
     frames: int = FRAMES,
     fps: float = FPS,
+    poses_of: Path | None = None,
     engine: EngineOptions = EngineOptions(),  # noqa: B008 - a frozen dataclass
     reading: CaptureOptions = CaptureOptions(),  # noqa: B008 - a frozen dataclass
 ) -> None:
@@ -65,16 +66,18 @@ def render(
         show: Colour, expected depth (near is bright, equally in all views) or alpha.
         frames: Number of views of an orbit or path.
         fps: Frames per second of a video.
+        poses_of: The result folder of the scene's run, if the scene lies outside it: for its poses, background and
+            split.
         engine: Options of the engine.
         reading: Options for reading the capture.
     """
-    is_video = output.suffix.lower() == VIDEO
+    is_video, run = output.suffix.lower() == VIDEO, run_of(scene, poses_of)
     _check_options(output, is_video, views, frames, fps)
     if is_video:
         check_replaceable(output, VIDEO_FILE, [scene, video_of(capture)])
     with memory_bound(engine.max_memory):
         renderer, _ = drawn_by(scene, engine)
-        opened = in_world_of(scene, read_for(scene, capture, reading))
+        opened = in_world_of(run, read_for(run, capture, reading))
     named_cameras = _cameras(opened, views, frames)
     cameras = [camera for _, camera in named_cameras]
     sizes = sorted({even_size(camera.width, camera.height) for camera in cameras})
