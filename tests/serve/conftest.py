@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import io
+import json
+import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -12,8 +14,11 @@ import pytest
 from PIL import Image
 
 from pocketgs import Capture
+from pocketgs.results.folder import RECORD
+from pocketgs.serve.entry import Entry, State, UploadedFile
 from pocketgs.serve.queue import Queue
 from pocketgs.serve.server import ServeOptions, serving_folder
+from pocketgs.serve.shelf import RESULT, Shelf, new_id
 from serve.client import Phone
 from zip_files import zip_of
 
@@ -61,6 +66,20 @@ def zipped(written_capture: Path) -> bytes:
     """A capture of nerfstudio's format as a zip file, with a folder inside as phones make them."""
     files = [path for path in sorted(written_capture.rglob("*")) if path.is_file()]
     return zip_of({f"toys/{path.relative_to(written_capture).as_posix()}": path.read_bytes() for path in files})
+
+
+def left_behind(folder: Path, state: State, *files: str, record: dict[str, object] | None = None) -> Entry:
+    """A capture on the shelf whose last run began a minute ago and has left files, and perhaps its record."""
+    shelf, video = Shelf(folder), UploadedFile("a.mov", "0001.mov", 5)
+    entry = Entry(new_id(), "toys", "video", (video,), "quick", 1.0, state, begun=time.time() - 60, flags=("--old",))
+    shelf.add(entry)
+    result = shelf.place(entry) / RESULT
+    result.mkdir()
+    for name in files:
+        (result / name).write_bytes(b"x")
+    if record:
+        (result / RECORD).write_text(json.dumps(record))
+    return entry
 
 
 def jpeg(pixels: object) -> bytes:

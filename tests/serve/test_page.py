@@ -11,10 +11,12 @@ import pytest
 from playwright.sync_api import Browser, FilePayload, Route, expect
 
 from pocketgs.capture.synthetic import true_capture
+from pocketgs.results.checkpoint import UNFINISHED
 from pocketgs.results.video import write_video
 from pocketgs.scene.formats import read_scene
 from pocketgs.serve import shown
 from serve.client import Phone
+from serve.conftest import left_behind
 from viewer.browsing import NO_GPU, NO_SOCKET, PATIENCE, Visit, open_browser, visiting
 
 HARM = '<img src=x onerror="document.title=1">"\'&lt;'
@@ -65,6 +67,16 @@ def test_a_button_waits_until_the_computer_answers(browser: Browser, serve: Call
         phone.page.unroute("**/shelf.json")
         choose(phone, "[data-kind=photographs]", {"a.txt": b"hello"})
         phone["#begin-problem"].wait_for()
+
+
+@pytest.mark.usefixtures("untrained")
+def test_a_run_that_was_killed_goes_on(browser: Browser, serve: Callable[..., Phone], folder: Path) -> None:
+    left_behind(folder, "failed", UNFINISHED)
+    with still(browser, serve().url, *PHONE) as phone:
+        expect(phone["[data-state=failed] .act"]).to_have_text("Go on")
+        phone[".more"].click()
+        phone["#menu [data-action=go-on]"].click()
+        phone["[data-state=queued]"].wait_for()
 
 
 @pytest.mark.usefixtures("untrained")

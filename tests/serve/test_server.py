@@ -8,6 +8,7 @@ import io
 import json
 import os
 import re
+import shutil
 import socket
 import threading
 import time
@@ -23,16 +24,16 @@ import pytest
 from PIL import Image
 
 from files.test_full_disk import files_of_at_most
-from pocketgs.results.checkpoint import CHECKPOINT
+from pocketgs.results.checkpoint import CHECKPOINT, UNFINISHED
+from pocketgs.results.folder import SCENE
 from pocketgs.results.video import write_video
 from pocketgs.scene.formats import read_scene, write_scene
 from pocketgs.scene.gaussians import Gaussians
 from pocketgs.serve import downloads, pieces, shelf, uploads
-from pocketgs.serve.entry import Entry, UploadedFile
 from pocketgs.serve.pieces import MAX_PIECE
 from pocketgs.serve.server import ServeOptions, serving_folder
 from serve.client import Phone
-from serve.conftest import jpeg
+from serve.conftest import jpeg, left_behind
 from viewer.client import fetch, origin_of
 from zip_files import zip_of
 
@@ -74,10 +75,36 @@ def test_a_video_and_archives_arrive(serve: Serve, folder: Path, zipped: bytes, 
     assert not (folder / "captures" / archive / "upload" / "0001.zip").exists()
 
 
+@pytest.mark.parametrize("damage", [lambda content: bytes(len(content)), lambda content: content[:-400]])
+@pytest.mark.parametrize("is_posed", [False, True])
+def test_damaged_photographs(
+    serve: Serve, folder: Path, photographs: dict[str, bytes], damage: Callable[[bytes], bytes], is_posed: bool
+) -> None:
+    """Training leaves them out, so the others are taken, and one of these shows what the capture is of."""
+    files = {**photographs, "IMG_9.JPG": damage(photographs["IMG_9.JPG"])}
+    if is_posed:
+        files = {"toys.zip": zip_of(posed(files))}
+    phone = serve()
+    assert phone.until(phone.upload(files), lambda told: told["state"] != "checking")["state"] == "queued"
+    assert phone.shelf["captures"][0]["thumbnail"]
+
+
+def posed(photographs: dict[str, bytes]) -> dict[str, bytes]:
+    """The files of a capture that states their poses."""
+    frames = [{"file_path": name, "transform_matrix": np.eye(4).tolist()} for name in photographs]
+    document = {"fl_x": 100.0, "w": 96, "h": 72, "frames": frames}
+    return {**photographs, "transforms.json": json.dumps(document).encode()}
+
+
 @pytest.mark.parametrize(
     ("files", "message"),
     [
-        ({f"{i}.jpg": b"no picture" for i in range(3)}, r"1\.jpg: cannot be decoded|0\.jpg: cannot be decoded"),
+        ({f"{i}.jpg": b"no picture" for i in range(3)}, r"^0\.jpg: is damaged, or no image: 0 of 3"),
+        (
+            {"a.zip": zip_of({f"a/b/c/d/{i}.jpg": b"" for i in range(3)})},
+            r"are in a/b/c/d, .*: zip that folder alone$",
+        ),
+        ({"a.zip": zip_of(posed({f"{i}.jpg": b"\xff" for i in range(3)}))}, r"^toys/1\.jpg: is damaged.* all others"),
         ({"walk.mp4": b"no video"}, r"walk\.mp4: cannot be opened as a video"),
         ({"a.zip": b"no archive"}, r"a\.zip: is no whole zip file"),
         ({"a.zip": zip_of({"../x": b"harm"})}, r"a\.zip: holds '\.\./x', expected names"),
@@ -275,21 +302,30 @@ def test_what_was_unusable_is_checked_again(serve: Serve, zipped: bytes) -> None
 
 def test_taken_out_of_the_queue(serve: Serve, folder: Path) -> None:
     """What was to be trained anew, and then was not, can go on where it ended, with the effort that it had."""
-    known, begun = shelf.Shelf(folder), time.time() - 60
-    files = (UploadedFile("a.mov", "0001.mov", 5),)
-    entry = Entry(shelf.new_id(), "toys", "video", files, "quick", 1.0, "trained", begun=begun)
-    known.add(entry)
-    result = known.place(entry) / "result"
-    result.mkdir()
-    (result / "run.json").write_text(json.dumps({"interrupted": True}))
-    for name in ("scene.ply", CHECKPOINT):
-        (result / name).write_bytes(b"x")
+    entry = left_behind(folder, "trained", SCENE, CHECKPOINT, record={"interrupted": True})
     phone = serve()
-    assert phone.capture(entry.id)["result"]["can_go_on"]
+    assert phone.capture(entry.id)["can_go_on"]
     assert phone.tell(f"captures/{entry.id}/train", {"effort": "best"}).status == 200
     assert phone.tell(f"captures/{entry.id}/stop").status == 200
     told = phone.capture(entry.id)
-    assert (told["state"], told["effort"], told["result"]["can_go_on"]) == ("stopped", "quick", True)
+    assert (told["state"], told["effort"], told["can_go_on"]) == ("stopped", "quick", True)
+
+
+def test_what_goes_on(serve: Serve, folder: Path) -> None:
+    """A run that was killed before it had a scene does, but not a finished one: its result stays."""
+    killed = left_behind(folder, "failed", UNFINISHED)
+    finished = left_behind(folder, "trained", SCENE, CHECKPOINT, record={"interrupted": False})
+    phone = serve()
+    assert [phone.capture(each.id)["can_go_on"] for each in (killed, finished)] == [True, False]
+    assert phone.capture(killed.id)["result"] is None
+    assert phone.tell(f"captures/{killed.id}/go-on").status == 200
+    assert phone.capture(killed.id)["state"] == "queued"
+    answer = phone.tell(f"captures/{finished.id}/go-on")
+    assert (answer.status, answer.json["error"]) == (
+        409,
+        "toys has no unfinished run to go on with: train it again",
+    )
+    assert phone.capture(finished.id)["state"] == "trained"
 
 
 def test_two_uploads_at_the_same_time(serve: Serve, photographs: dict[str, bytes]) -> None:
@@ -369,7 +405,6 @@ def test_full_disk_at_a_change(serve: Serve, folder: Path, photographs: dict[str
         (good, "stop", None),
         (good, "train", {"effort": "best"}),
         (good, "stop", None),
-        (good, "go-on", None),
         (bad, "check", None),
     ]
     for identity, action, content in changes:
@@ -386,10 +421,17 @@ def test_full_disk_at_a_change(serve: Serve, folder: Path, photographs: dict[str
     phone.until(bad, "unusable")
 
 
-def test_unfinished_uploads_are_few(serve: Serve, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unfinished_uploads_are_few(serve: Serve, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(uploads, "MOST_UNFINISHED", 2)
     phone = serve()
-    assert [phone.begin(VIDEO).status for _ in range(3)] == [200, 200, 409]
+    begun = [phone.begin(VIDEO) for _ in range(3)]
+    assert [answer.status for answer in begun] == [200, 200, 409]
+    # One whose folder was taken away is in nobody's way.
+    gone = begun[0].json["id"]
+    shutil.rmtree(folder / "captures" / gone)
+    assert phone.begin(VIDEO).status == 200
+    assert phone.tell(f"captures/{gone}/delete").status == 200
+    assert phone.tell(f"captures/{gone}/delete").status == 404
 
 
 def test_rename_delete_restore(serve: Serve, folder: Path, photographs: dict[str, bytes]) -> None:
@@ -457,7 +499,7 @@ def test_downloads_and_the_viewer(serve: Serve, folder: Path, photographs: dict[
         os.utime(result / "scene.ply", (second, second))
         told = phone.capture(identity)["result"]
         assert told["bytes"] == (result / "scene.ply").stat().st_size
-    assert (told["psnr"], told["gaussians"], told["can_go_on"]) == (20.5, 50, False)
+    assert (told["psnr"], told["gaussians"]) == (20.5, 50)
     for suffix in (".ply", ".spz", ".pgs"):
         answer = fetch(phone.url, f"captures/{identity}/scene{suffix}")
         name = quote('a "quoted"/ü\\title;', safe="")

@@ -52,6 +52,11 @@ def test_with_a_comment_and_what_systems_add(call: Call) -> None:
     assert read(call, stream.getvalue()) == {"a/b": b"c"}
 
 
+def test_with_bytes_in_front(call: Call) -> None:
+    """As in archives that unpack themselves."""
+    assert read(call, b"MZ" + bytes(999) + zip_of(CONTENTS)) == CONTENTS
+
+
 def test_with_the_backslashes_of_old_tools(call: Call) -> None:
     archive = zip_of({"a\\": b"", "a\\transforms.json": b"{}", "a\\images\\b.png": b"b"})
     assert read(call, archive) == {"a/transforms.json": b"{}", "a/images/b.png": b"b"}

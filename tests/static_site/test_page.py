@@ -28,7 +28,9 @@ self.addEventListener("message", ({ data: { type, picked } }) => {
         tell("complaint", { text: "another" });
         tell("complaint", { text: "one" });
     }
-    if (type === "train" && picked.name !== "endless") {
+    if (["pause", "resume"].includes(type) || picked?.name === "trains") {
+        tell("progress", progress);
+    } else if (type === "train" && picked.name !== "endless") {
         tell("progress", progress);
         const { name } = picked;
         const iteration = name === "half" ? 4 : 9;
@@ -177,6 +179,18 @@ def test_what_listeners_and_keyboards_follow(visit: Visit) -> None:
     visit.drop("kept.zip", b"")
     expect(visit["#save-ply"]).to_be_focused()
     expect(visit["#announced"]).to_have_text("done")
+
+
+def test_a_run_that_is_paused_says_so(visit: Visit) -> None:
+    """Also while the steps that were under way are reported."""
+    visit.drop("trains.zip", b"")
+    visit["#message-close"].click()
+    for button, stage in (("Resume", "paused"), ("Pause", "training")):
+        visit["#pause"].click()
+        expect(visit["#pause"]).to_have_text(button)
+        visit.page.wait_for_timeout(100)
+        expect(visit["#stage"]).to_have_text(stage)
+        expect(visit["#announced"]).to_have_text(stage)
 
 
 def test_any_file_can_be_chosen_as_an_archive(visit: Visit) -> None:

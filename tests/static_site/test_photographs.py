@@ -222,6 +222,14 @@ def test_depth_as_in_python(call: Call, tmp_path: Path, lens: Lens, border: int,
     assert np.mean(off) < (0.02 if lens.distorts else 1e-9)  # OpenCV rounds coordinates to 1/32 pixel
 
 
+def test_bytes_that_fill(call: Call) -> None:
+    """Any number of 0xff may stand before a segment of a JPEG."""
+    content = encoded(smooth(60, 80), "jpeg", TURNED_RIGHT)
+    filled = content.replace(b"\xff\xc0", b"\xff" * 4 + b"\xc0").replace(b"\xff\xe1", b"\xff\xff\xe1")
+    expected, found = (load(call, each, LANDSCAPE, Lens(), 800) for each in (content, filled))
+    assert found["rgba"] == expected["rgba"]
+
+
 def test_depth_of_another_shape_is_left_out(call: Call) -> None:
     stream = io.BytesIO()
     Image.fromarray(np.full((32, 24), 1000, np.uint16)).save(stream, "png")

@@ -97,7 +97,10 @@ def test_distance_to_the_scene(
     sets = [
         frames,
         frames[:1],
-        *([posed(frame, pose) for frame, pose in zip(frames, poses, strict=False)] for poses in (outwards, parallel, turned)),
+        *(
+            [posed(frame, pose) for frame, pose in zip(frames, poses, strict=False)]
+            for poses in (outwards, parallel, turned)
+        ),
         [posed(frame, pose) for frame, pose in zip(frames, in_one_place, strict=False)],
     ]
     capture = replace(capture, points=cloud_of(capture) if with_points else None, metric=metric)

@@ -50,6 +50,8 @@ def test_folders_around_a_capture(call: Call, capture_folder: Path) -> None:
     assert len(read(call, capture_folder.parent)["frames"]) == 8
     shutil.copytree(capture_folder, capture_folder.parent / "archive" / "of" / "capture")
     assert len(read(call, capture_folder.parent / "archive")["frames"]) == 8
+    shutil.copytree(capture_folder, capture_folder.parent / "deep" / "a/b/c/d/e/f")
+    assert len(read(call, capture_folder.parent / "deep")["frames"]) == 8
 
 
 def test_lenses_splits_and_absent_images(call: Call, capture_folder: Path) -> None:
@@ -281,6 +283,27 @@ def test_what_frames_state_otherwise(call: Call, capture_folder: Path, own: dict
         document["frames"][2] |= {"is_fisheye": True, "distortion_params": [0.1, 0.2, 0.3, 0.4, 0, 0]}
 
     assert_same(call, changed(capture_folder, change))
+
+
+@pytest.mark.parametrize(("name", "value"), [("is_fisheye", "true"), ("is_fisheye", 1), ("metric", 1)])
+def test_what_is_neither_true_nor_false(call: Call, capture_folder: Path, name: str, value: object) -> None:
+    changed(capture_folder, lambda document: document.update({name: value}))
+    assert_same_refusal(call, capture_folder, f"field '{name}' is .*, expected true or false")
+
+
+def test_numbers_that_only_python_writes(call: Call, capture_folder: Path) -> None:
+    """Where nobody needs them; words in texts are none."""
+
+    def change(document: dict[str, Any]) -> None:
+        document |= {"sharpness": float("nan"), "bounds": [-float("inf"), float("inf")]}
+        first = document["frames"][0]
+        moved = 'images/a "NaN, Infinity.png'
+        (capture_folder / first["file_path"]).rename(capture_folder / moved)
+        first["file_path"] = moved
+
+    assert_same_warnings(call, changed(capture_folder, change))
+    changed(capture_folder, lambda document: document.update(fl_x=float("nan")))
+    assert_same_refusal(call, capture_folder, "field 'fl_x' is .*, expected a finite number")
 
 
 @pytest.mark.parametrize("form", ["rows of three", "rows of four", "nine numbers", "by columns"])

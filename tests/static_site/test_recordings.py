@@ -96,6 +96,7 @@ def test_stray_scanner(call: Call, stray_scanner: Path) -> None:
     header, *lines = odometry.read_text().splitlines()
     stated = [f"{line}, {90 + number}, 91, 47, 35, " for number, line in enumerate(lines)]
     stated[2] = f"{lines[2]}, , , , , "
+    stated[3] = ",".join(f'"{word.strip()}"' for word in stated[3].split(","))
     odometry.write_text("\r\n".join([f"\ufeff{header}, fx, fy, cx, cy, more", "", *stated[::-1][:6]]))
     assert_same(call, stray_scanner)
 
@@ -120,8 +121,12 @@ def test_real_recordings(call: Call, data_folder: Path, small_capture: Capture, 
 
 def test_polycam_without_corrections_and_without_an_image(call: Call, small_capture: Capture, tmp_path: Path) -> None:
     write_polycam(small_capture, tmp_path, kind="")
-    next(iter((tmp_path / "keyframes" / "images").iterdir())).unlink()
+    first, second, third, *_ = sorted((tmp_path / "keyframes" / "images").iterdir())
+    first.unlink()
+    second.rename(second.with_suffix(".jpeg"))
+    third.rename(third.with_suffix(".JPEG"))
     assert_same(call, tmp_path)
+    assert len(read(call, tmp_path)["frames"]) == 7
 
 
 def test_polycam_with_damaged_cameras(call: Call, copied_phone: Callable[[str], Path]) -> None:

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from playwright.sync_api import Browser, expect
 
-from pocketgs.scene.formats import ply
+from pocketgs.scene.formats import ply, spz
 from pocketgs.scene.gaussians import SH_DC, Gaussians
 from pocketgs.viewer.content import Content, View
-from pocketgs.viewer.live import LiveRun
+from pocketgs.viewer.live import SPZ_VERSION, LiveRun
 from pocketgs.viewer.server import serving
-from viewer.browsing import PATIENCE, Visit, visiting
+from viewer.browsing import NO_GPU, PATIENCE, Visit, visiting
 from viewer.marks import HEIGHT, MARKS, UP, WIDTH, cameras_around, marked_scene, marks, psnr
 
 BACKGROUND = (0.1, 0.2, 0.3)
@@ -231,6 +231,28 @@ def test_page_of_a_run_rests_until_its_first_scene(browser: Browser) -> None:
         expect(visit["#canvas"]).to_have_attribute("aria-busy", "false", timeout=PATIENCE)
         expect(visit["#message"]).to_be_hidden()
         assert visit.complaints == []
+
+
+def test_page_of_a_run_takes_the_background_of_its_capture(browser: Browser) -> None:
+    """Which is read after the page was opened; what the user has chosen stays. On a phone all figures are in sight."""
+    run = LiveRun("toys")
+
+    def corner_with(number: int, background: tuple[float, float, float]) -> float:
+        views = (View(f"{number}.jpg", cameras_around()[0], True),)
+        run.news.post_content(replace(run.news.content, background=background, views=views))
+        expect(visit["#camera-name"]).to_contain_text(f"{number}.jpg", timeout=PATIENCE)
+        return float(visit.picture()[2, 2].mean())
+
+    with serving(run) as page, visiting(browser, page.url, 390, 844, script=NO_GPU) as visit:
+        expect(visit["#message"]).to_be_visible()
+        run.news.post_scene(1, spz.encode(marked_scene().select(np.arange(-3, 0)), SPZ_VERSION))
+        assert corner_with(1, (1.0, 1.0, 1.0)) == 1.0
+        figures, card = visit["#stats"].bounding_box(), visit["#live"].bounding_box()
+        assert figures
+        assert card
+        assert figures["y"] + figures["height"] <= card["y"]
+        visit.page.keyboard.press("b")
+        assert corner_with(2, (1.0, 1.0, 1.0)) == 0.0
 
 
 @pytest.mark.parametrize("moves", [False, True])

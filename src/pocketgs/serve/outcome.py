@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,9 @@ from pocketgs.serve.shelf import CAPTURE, UPLOAD
 
 LOOKED_FOR = " Looked for "
 """What follows is the list of files by which formats are recognised: longer than a phone's screen, no help there."""
+
+NAME_IT = re.compile(r"\bname (that folder|one of them|one)$")
+"""What a command asks for. A phone names no path: it sends what is asked for by itself."""
 
 
 def is_complete(result: Path, begun: float) -> bool:
@@ -49,7 +53,7 @@ def plain_message(said: str, entry: Entry, place: Path) -> str:
     names |= {place / UPLOAD: entry.title, place / CAPTURE: entry.title, place: entry.title}
     for path, name in names.items():
         said = said.replace(str(path), name)
-    return said.removeprefix("pocketgs: ").partition(LOOKED_FOR)[0]
+    return NAME_IT.sub(r"zip \1 alone", said.removeprefix("pocketgs: ").partition(LOOKED_FOR)[0])
 
 
 def _time_of(path: Path) -> float:

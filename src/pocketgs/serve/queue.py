@@ -169,11 +169,10 @@ class Queue:
         self._note(entry.id, state="unusable", message=plain_message(message, entry, place))
 
     async def _train(self, entry: Entry, client: ClientSession) -> None:
-        effort = entry.anew or entry.effort
-        if effort not in self._flags:
-            raise PocketGSError(f"effort {effort!r}, expected one of {', '.join(self._flags)}")
-        place, flags, run = self._shelf.place(entry), self._flags[effort], Training(client)
-        goes_on = not entry.anew and flags == entry.flags and can_go_on(place / RESULT, entry.begun)
+        effort, place, run = entry.anew or entry.effort, self._shelf.place(entry), Training(client)
+        goes_on = not entry.anew and can_go_on(place / RESULT, entry.begun)
+        # A checkpoint fits only the options that it was trained with, whatever the server's are by now.
+        flags = entry.flags if goes_on else self._flags_of(effort)
         begun = entry.begun if goes_on else time.time()
         self._work[entry.id] = run
         try:
@@ -190,6 +189,11 @@ class Queue:
             raise
         finally:
             del self._work[entry.id]
+
+    def _flags_of(self, effort: str) -> tuple[str, ...]:
+        if effort not in self._flags:
+            raise PocketGSError(f"effort {effort!r}, expected one of {', '.join(self._flags)}")
+        return self._flags[effort]
 
     async def _conclude(self, entry: Entry, status: int, run: Training, place: Path) -> None:
         """Say how a run has ended."""

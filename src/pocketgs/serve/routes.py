@@ -26,11 +26,12 @@ from pocketgs.serve.declaration import (
 from pocketgs.serve.downloads import SUFFIXES as DOWNLOAD_SUFFIXES
 from pocketgs.serve.downloads import Downloads, disposition
 from pocketgs.serve.entry import Entry, State
+from pocketgs.serve.outcome import can_go_on
 from pocketgs.serve.pages import Pages
 from pocketgs.serve.pieces import MAX_PIECE
 from pocketgs.serve.queue import Queue
 from pocketgs.serve.refused import RefusedError, is_full, no_room
-from pocketgs.serve.shelf import THUMBNAIL, Shelf, delete_folders
+from pocketgs.serve.shelf import RESULT, THUMBNAIL, Shelf, delete_folders
 from pocketgs.serve.shown import shown_deleted, shown_entry, shown_files
 from pocketgs.serve.uploads import Uploads
 from pocketgs.viewer.access import Access
@@ -209,7 +210,10 @@ class _Routes:
         return send_json({})
 
     async def go_on(self, request: web.Request) -> web.StreamResponse:
-        await self._queue.enqueue(replace(self._idle(request), anew=""))
+        entry = self._idle(request)
+        if not can_go_on(self._shelf.place(entry) / RESULT, entry.begun):
+            raise RefusedError(409, f"{entry.title} has no unfinished run to go on with: train it again")
+        await self._queue.enqueue(replace(entry, anew=""))
         return send_json({})
 
     async def check(self, request: web.Request) -> web.StreamResponse:

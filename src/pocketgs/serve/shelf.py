@@ -115,7 +115,10 @@ class Shelf:
             raise
 
     def delete(self, entry: Entry) -> None:
-        """Move a capture to the trash."""
+        """Move a capture to the trash. One whose folder was taken away is forgotten."""
+        if not os.path.lexists(self.folder / CAPTURES / entry.id):
+            del self.entries[entry.id]
+            return
         self._move(entry, replace(entry, deleted=time.time()), self.entries)
 
     def restore(self, entry: Entry) -> Entry:

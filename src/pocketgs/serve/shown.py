@@ -41,7 +41,8 @@ def shown_entry(shelf: Shelf, queue: Queue, entry: Entry, last_piece: float) -> 
         "state": entry.state,
         "message": entry.message,
         "thumbnail": _time_of(place / THUMBNAIL),
-        "result": _result_of(place / RESULT, entry),
+        "result": _result_of(place / RESULT),
+        "can_go_on": can_go_on(place / RESULT, entry.begun),
     }
     if entry.state == "uploading":
         told["received"] = sum(shelf.received(entry))
@@ -67,10 +68,9 @@ def shown_deleted(entry: Entry) -> dict[str, Any]:
     return {"id": entry.id, "title": entry.title, "deleted": entry.deleted}
 
 
-def _result_of(result: Path, entry: Entry) -> dict[str, Any] | None:
+def _result_of(result: Path) -> dict[str, Any] | None:
     with suppress(PocketGSError, OSError):
-        told = _figures_of(result, *((result / name).stat().st_mtime_ns for name in (RECORD, SCENE)))
-        return {**told, "can_go_on": bool(told["interrupted"]) and can_go_on(result, entry.begun)}
+        return _figures_of(result, *((result / name).stat().st_mtime_ns for name in (RECORD, SCENE)))
     return None
 
 

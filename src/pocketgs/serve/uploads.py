@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections import defaultdict
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -44,15 +45,23 @@ class Uploads:
             RefusedError: it is out of bounds, or the disk has no room for it.
         """
         entry = declared(said, self._bounds)
-        unfinished = [each for each in self._shelf.entries.values() if each.state == "uploading"]
-        if len(unfinished) >= MOST_UNFINISHED:
-            raise RefusedError(409, f"{len(unfinished)} uploads are unfinished: continue or delete one of them first")
-        expected = sum(each.bytes - sum(self._shelf.received(each)) for each in unfinished)
-        free = free_bytes(self._shelf.folder) - expected
+        expected = self._expected()
+        if len(expected) >= MOST_UNFINISHED:
+            raise RefusedError(409, f"{len(expected)} uploads are unfinished: continue or delete one of them first")
+        free = free_bytes(self._shelf.folder) - sum(expected)
         if entry.bytes > free:
             raise no_room(f"{max(0, free) / 1e6:,.0f} MB are free for this upload of {entry.bytes / 1e6:,.0f} MB")
         self._shelf.add(entry)
         return entry
+
+    def _expected(self) -> list[int]:
+        """How many bytes each unfinished upload still lacks."""
+        expected = []
+        for entry in self._shelf.entries.values():
+            if entry.state == "uploading":
+                with suppress(PocketGSError):  # its folder was taken away: the page shows no such upload
+                    expected.append(entry.bytes - sum(self._shelf.received(entry)))
+        return expected
 
     def unfinished(self, identity: str, number: int) -> Entry:
         """The capture that expects pieces of a file.

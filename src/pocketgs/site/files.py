@@ -62,7 +62,7 @@ SEQUENCES = ("render", "step")
 NEVER = ("collect statistics", "regularise")
 """Passes that no step of the page's recipe has."""
 
-COMMENT, LINE_BREAK, SPACED = re.compile("//[^\n]*"), re.compile(r"\s*\n\s*"), re.compile(" ?([,;:(){}]) ?")
+COMMENT, LINE_BREAK, SPACED = re.compile("//[^\n]*"), re.compile(r"\s*\n\s*"), re.compile(" ?([,;:(){}+*]) ?")
 """In WGSL, which has no strings that could contain them."""
 
 HTML = "index.html"

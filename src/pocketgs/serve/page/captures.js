@@ -90,7 +90,7 @@ function update(card, capture, isHere, stays) {
 }
 
 /** The button beside *Open*: what is most likely wanted. */
-function actionOf({ state, active, progress, effort, result }, isHere) {
+function actionOf({ state, active, progress, effort, result, can_go_on: canGoOn }, isHere) {
     if (state === "uploading" && !isHere && !active) {
         return ["continue", "Continue"];
     }
@@ -101,6 +101,9 @@ function actionOf({ state, active, progress, effort, result }, isHere) {
         return ["check", "Check again"];
     }
     if (state === "failed" || (state === "stopped" && result === null)) {
+        if (canGoOn) {
+            return ["go-on", "Go on"];
+        }
         return [`train-${effort}`, state === "failed" ? "Try again" : "Train"];
     }
     return [null, null];

@@ -67,7 +67,7 @@ export async function askForTitle(title, bounds) {
  * @param {string[]} efforts
  * @param {(action: string) => void} onAction
  */
-export function showMenu({ id, title, state, result }, efforts, onAction) {
+export function showMenu({ id, title, state, result, can_go_on: canGoOn }, efforts, onAction) {
     const menu = element("menu");
     element("menu-title").textContent = title;
     element("menu-downloads").hidden = result === null;
@@ -79,7 +79,7 @@ export function showMenu({ id, title, state, result }, efforts, onAction) {
     element("menu-train").hidden = !isIdle;
     const choices = efforts.map((effort) => button(EFFORTS[effort] ?? effort, `train-${effort}`));
     element("menu-efforts").replaceChildren(...choices);
-    menu.querySelector("[data-action=go-on]").hidden = !(isIdle && result?.can_go_on);
+    menu.querySelector("[data-action=go-on]").hidden = !(isIdle && canGoOn);
     menu.querySelector("[data-action=stop]").hidden = state !== "queued";
     for (const each of menu.querySelectorAll("[data-action]")) {
         each.onclick = () => {

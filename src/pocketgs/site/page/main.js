@@ -31,7 +31,6 @@ const picture = new ScenePicture(
 );
 let name = "";
 let isTraining = false;
-let isPaused = false;
 /** @type {{name: string, iteration: number, iterations: number, canGoOn: boolean} | null} the kept run */
 let kept = null;
 /** @type {Object<string, Blob | undefined>} the trained scene by format */
@@ -160,7 +159,7 @@ function keptRunLost() {
 }
 
 function begin(title, iterations) {
-    [name, isPaused, scene, isSaved] = [title, false, {}, false];
+    [name, scene, isSaved] = [title, {}, false];
     setTraining(true);
     for (const id of ["message", "start", "pictures", "kept"]) {
         element(id).hidden = true;
@@ -170,9 +169,7 @@ function begin(title, iterations) {
 }
 
 element("pause").addEventListener("click", () => {
-    isPaused = !isPaused;
-    worker.postMessage({ type: isPaused ? "pause" : "resume" });
-    element("pause").textContent = isPaused ? "Resume" : "Pause";
+    worker.postMessage({ type: progressView.pause() ? "pause" : "resume" });
 });
 
 element("cancel").addEventListener("click", () => worker.postMessage({ type: "cancel" }));

@@ -136,6 +136,7 @@ function follow(view, cameras) {
         },
         onViewer: (viewer) => {
             if (claim()) {
+                view.setBackground(viewer.background);
                 cameras.setViews(viewer);
             }
             showPreviews(viewer.previews);

@@ -34,8 +34,8 @@ const MAX_DIRECTORY_BYTES = 1 << 26;
  */
 export async function filesInZip(archive, name) {
     const refused = (found) => new Error(`${name}: ${found}`);
-    const { count, offset, bytes } = await findDirectory(archive, refused);
-    const directory = await viewOf(archive, offset, bytes, refused);
+    const { count, offset, bytes, before } = await findDirectory(archive, refused);
+    const directory = await viewOf(archive, before + offset, bytes, refused);
     const entries = [];
     for (let at = 0, i = 0; i < count; i++) {
         if (at + ENTRY_BYTES > directory.byteLength || directory.getUint32(at, true) !== ENTRY_MARK) {
@@ -50,7 +50,7 @@ export async function filesInZip(archive, name) {
         throw refused("its list of files is broken: expected names in UTF-8 where it says so");
     }
     return entries
-        .map((entry, i) => ({ ...entry, path: paths[i] }))
+        .map((entry, i) => ({ ...entry, offset: before + entry.offset, path: paths[i] }))
         .filter(({ path }) => !path.endsWith("/"))
         .map((entry) => {
             const read = () => unpacked(archive, entry, refused);
@@ -76,7 +76,8 @@ async function findDirectory(archive, refused) {
         if (found.count > MAX_FILES) {
             throw refused(`holds ${found.count} files: expected at most ${MAX_FILES}`);
         }
-        return found;
+        // Bytes in front, such as of a program that unpacks the archive, are not counted.
+        return { ...found, before: found === narrow ? start + at - bytes - offset : 0 };
     }
     throw refused("is no zip file, or cut short: it has no list of files at its end");
 }

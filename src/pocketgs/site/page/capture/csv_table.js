@@ -26,7 +26,7 @@ export async function readTable(file) {
         if (!text.trim()) {
             return [];
         }
-        const words = text.split(",").map((word) => word.trim());
+        const words = text.split(",").map((word) => word.trim().replace(/^"(.*)"$/, "$1"));
         const numbers = words.map((word) => (NUMBER.test(word) ? Number(word) : NaN));
         return [{ line: i + 1, words, numbers }];
     });

@@ -119,6 +119,10 @@ function readJpeg(view, bytes) {
     let size = null;
     for (let at = 2; at + 4 <= view.byteLength; ) {
         const kind = view.getUint8(at + 1);
+        if (view.getUint16(at) === 0xffff) {
+            at++; // any number of these may come before a segment
+            continue;
+        }
         if (view.getUint8(at) !== 0xff || kind === START_OF_SCAN) {
             parts.push({ about: OTHER, content: bytes.subarray(at) });
             break;

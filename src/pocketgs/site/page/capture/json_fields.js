@@ -9,6 +9,9 @@ const isObject = (value) => typeof value === "object" && value !== null && !Arra
 /** The number that a text holds, as some programs write them; any other value as it is. */
 const numberIn = (value) => (typeof value === "string" && value.trim() ? Number(value) : value);
 
+/** Texts, and the numbers that only Python writes and reads: these become infinite, which nobody accepts. */
+const UNKNOWN = /"[^"\\]*(?:\\.[^"\\]*)*"|NaN|Infinity/g;
+
 /** One object of a JSON file. */
 export class Fields {
     /**
@@ -29,7 +32,7 @@ export class Fields {
         const text = await file.text();
         let values;
         try {
-            values = JSON.parse(text);
+            values = JSON.parse(text.replace(UNKNOWN, (word) => (word[0] === '"' ? word : "1e999")));
         } catch (error) {
             throw new Error(`${file.path}: not JSON (${error.message})`);
         }
@@ -77,6 +80,11 @@ export class Fields {
     optionalTexts(name) {
         const isSound = (value) => Array.isArray(value) && value.every((text) => typeof text === "string");
         return this.#optional(name, isSound, "a list of texts");
+    }
+
+    /** @type {(name: string) => boolean} false where there is none */
+    flag(name) {
+        return this.#optional(name, (value) => typeof value === "boolean", "true or false") ?? false;
     }
 
     /** @type {(name: string) => Fields[]} the objects of a list, with their places */

@@ -52,7 +52,7 @@ export async function read(tree, bounds) {
     }
     const cloud = file ? await readCloud(file, bounds) : null;
     // ARKit's poses are in metres.
-    const isMetric = NERFCAPTURE_FIELD in document.values || document.values.metric === true;
+    const isMetric = NERFCAPTURE_FIELD in document.values || document.flag("metric");
     return listingOf("nerfstudio", frames, { heldOut, cloud, isMetric, warnings });
 }
 

@@ -39,7 +39,7 @@ import { Video } from "./video.js";
  */
 
 /** Folders around a capture. */
-const DEEPEST = 4;
+const DEEPEST = 9;
 
 /** The first that recognises a folder reads it: an app's own data goes before what was converted from it. */
 const READERS = [strayScanner, record3d, scannerApp, polycam, blender, nerfstudio, colmap];

@@ -33,15 +33,15 @@ export async function read(tree, bounds) {
     const cameras = camerasOf(kind);
     const [frames, damaged] = [[], []];
     for (const path of cameras) {
-        const image = tree.find(path.replace(`${kind}cameras/`, `${kind}images/`).replace(CAMERA_FILE, ".jpg"));
+        const fileIn = (folder, suffix) => {
+            return tree.find(path.replace(`${kind}cameras/`, `${folder}/`).replace(CAMERA_FILE, suffix));
+        };
+        const image = fileIn(`${kind}images`, ".jpg") ?? fileIn(`${kind}images`, ".jpeg");
         const fields = image && (await Fields.of(tree.find(path)).catch((error) => damaged.push(error) && null));
         if (fields) {
             const border = isCorrected ? bounds.undistortion_border : 0;
-            const [depth, confidence] = ["depth", "confidence"].map((folder) => {
-                return tree.find(path.replace(`${kind}cameras/`, `${folder}/`).replace(CAMERA_FILE, ".png"));
-            });
-            const more = { border, depth: depthOf(depth, bounds.depth_unit, confidence) };
-            frames.push(sourceOf(image, readCamera(fields, bounds), more));
+            const depth = depthOf(fileIn("depth", ".png"), bounds.depth_unit, fileIn("confidence", ".png"));
+            frames.push(sourceOf(image, readCamera(fields, bounds), { border, depth }));
         }
     }
     const folder = `${KEYFRAMES}/${kind}cameras`;

@@ -166,7 +166,7 @@ function readLens(fields, bounds) {
         const expected = `expected a 'camera_model', one of ${known.join(", ")}`;
         throw new Error(`${fields.where}: field '${other}' states another lens, ${expected}`);
     }
-    const isFisheye = bounds.fisheye_models.includes(model) || fields.values.is_fisheye === true;
+    const isFisheye = bounds.fisheye_models.includes(model) || fields.flag("is_fisheye");
     // nerfstudio's list, or else a field each.
     const listed = (fields.values.distortion_params ?? null) && fields.numbers("distortion_params", 6);
     const valueOf = (name) => {

@@ -12,6 +12,7 @@ import { keepFocusIn } from "./focus.js";
 
 /** The card on the left. */
 export class ProgressView {
+    #stage = "training";
     #iterations = 0;
     #samples = [];
 
@@ -29,7 +30,7 @@ export class ProgressView {
      * @param {number} iterations
      */
     begin(iterations) {
-        [this.#iterations, this.#samples] = [iterations, []];
+        [this.#stage, this.#iterations, this.#samples] = ["training", iterations, []];
         element("live").hidden = false;
         element("cancel").hidden = false;
         element("live-buttons").hidden = true;
@@ -75,10 +76,18 @@ export class ProgressView {
         this.#samples.push({ iteration, loss, held_out_psnr });
         const iterations = this.#iterations;
         const seconds_left = rate ? (iterations - iteration) / rate : null;
-        showStage("training");
+        showStage(this.#stage);
         showFigures({ iteration, iterations, loss, held_out_psnr, seconds_left, memory_mb: bytes / 1e6 });
         element("stats").textContent = `${gaussians.toLocaleString("en")} splats`;
         this.#draw();
+    }
+
+    /** Pause, or go on. @returns {boolean} whether the run is to pause */
+    pause() {
+        const isPaused = this.#stage === "training";
+        showStage((this.#stage = isPaused ? "paused" : "training"));
+        element("pause").textContent = isPaused ? "Resume" : "Pause";
+        return isPaused;
     }
 
     /** The run has ended. */

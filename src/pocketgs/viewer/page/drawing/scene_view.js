@@ -46,6 +46,8 @@ export class SceneView {
     #underWay = 0;
     #loop;
     #background = BACKGROUNDS[0];
+    /** Whether the user has chosen it. */
+    #isBackgroundChosen = false;
     #appearance = "splats";
     #times = [];
     #onStatistics;
@@ -147,16 +149,24 @@ export class SceneView {
         this.#loop.invalidate();
     }
 
-    /** @param {[number, number, number]} background RGB */
+    /**
+     * Set the background, unless the user has chosen one.
+     *
+     * @param {[number, number, number]} background RGB
+     */
     setBackground(background) {
-        this.#background = background;
-        this.#loop.invalidate();
+        if (!this.#isBackgroundChosen) {
+            this.#background = background;
+            this.#loop.invalidate();
+        }
     }
 
     /** Switch to the next of black, grey and white. */
     changeBackground() {
         const at = BACKGROUNDS.findIndex((background) => background.every((c, i) => c === this.#background[i]));
-        this.setBackground(BACKGROUNDS[(at + 1) % BACKGROUNDS.length]);
+        this.#background = BACKGROUNDS[(at + 1) % BACKGROUNDS.length];
+        this.#isBackgroundChosen = true;
+        this.#loop.invalidate();
     }
 
     /** Stop the animation, since the user has moved the camera. */
