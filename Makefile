@@ -17,6 +17,9 @@ demo:
 	@$(PYTHON) tools/bootstrap.py
 	.venv/bin/pocketgs demo
 
+# Processes side by side share the cores: threads of OpenBLAS that wait for work would take them from each other.
+test test-fast: export OPENBLAS_NUM_THREADS = 1
+
 # All checks before a merge, with runs on real data. Continuous integration calls this target. Missing system packages are
 # installed if that is allowed; otherwise the tests that need them are skipped, and pytest reports it. PyTorch and gsplat's
 # reference keep memory that the tests of budgets would count, so their tests run last, in separate processes.

@@ -19,7 +19,8 @@ from missing import unavailable
 BROWSERS = ("chromium", "google-chrome", "chromium-browser")
 
 # A GPU in software that draws on canvases too. Workgroup memory is not initialised: it would write each zero by an
-# instruction of its own, and compile for three times as long. No shader of ours needs the zeros.
+# instruction of its own, and compile for three times as long. No shader of ours needs the zeros. Text and buttons are
+# not painted by such a GPU.
 FLAGS = (
     "--enable-unsafe-webgpu",
     "--use-webgpu-adapter=swiftshader",
@@ -27,6 +28,7 @@ FLAGS = (
     "--use-vulkan=swiftshader",
     "--use-angle=swiftshader",
     "--enable-dawn-features=disable_workgroup_init",
+    "--disable-gpu-rasterization",
     "--no-sandbox",
     "--disable-background-networking",
     "--disable-component-update",

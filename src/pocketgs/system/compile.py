@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Protocol, TypeVar
 
 import numba
+from numba.extending import register_jitable
 
 # A thread that has finished its share of a kernel should sleep until the next. OpenMP makes it spin by default, which
 # takes time from working threads when other programs need the cores: steps then took three to five times as long.
@@ -83,7 +84,7 @@ def _cached(**options: bool) -> _Decorator:
         package = function.__module__.removeprefix(f"{PACKAGE.name}.").rpartition(".")[0]
         numba.config.CACHE_DIR = str(folder_of(package))
         try:
-            return numba.njit(cache=True, error_model="numpy", **options)(function)
+            return numba.njit(cache=True, error_model="numpy", no_cfunc_wrapper=True, **options)(function)
         finally:
             numba.config.CACHE_DIR = before
 
@@ -99,8 +100,14 @@ unlocked_kernel: _Decorator = _cached(nogil=True)
 parallel_kernel: _Decorator = _cached(parallel=True)
 """For kernels whose `prange` loops run on all threads."""
 
-part: _Decorator = numba.njit(error_model="numpy")
-"""For functions called from kernels."""
+PART = {"error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+"""Options of functions called from kernels only. Entries from Python and C would take a third of the compile time."""
 
-inlined: _Decorator = numba.njit(forceinline=True, error_model="numpy")
+INLINED = {**PART, "forceinline": True}
+"""Options of functions that are always inlined into kernels."""
+
+part: _Decorator = register_jitable(**PART)
+"""For functions called from kernels. Called from Python, they run uncompiled."""
+
+inlined: _Decorator = register_jitable(**INLINED)
 """For functions called from kernels' inner loops: always inlined, so that vectors stay in registers."""

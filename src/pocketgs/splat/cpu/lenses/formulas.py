@@ -10,9 +10,10 @@ from numba.extending import overload
 from pocketgs.splat.cpu.lanes import Floats
 from pocketgs.splat.cpu.layout import View
 from pocketgs.splat.cpu.lenses import fisheye, orthographic, perspective, pinhole
-from pocketgs.splat.cpu.lenses.jacobians import INLINED, Jacobian
+from pocketgs.splat.cpu.lenses.jacobians import Jacobian
 from pocketgs.splat.cpu.lenses.lens import Fisheye, KernelLens, Orthographic, Perspective, Pinhole
 from pocketgs.splat.cpu.vectors import Vector
+from pocketgs.system.compile import INLINED
 
 _FORMULAS = {Pinhole: pinhole, Perspective: perspective, Fisheye: fisheye, Orthographic: orthographic}
 

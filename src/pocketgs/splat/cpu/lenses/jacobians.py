@@ -11,10 +11,10 @@ from numba.extending import overload
 
 from pocketgs.splat.cpu.lanes import Floats
 from pocketgs.splat.cpu.vectors import Vector
+from pocketgs.system.compile import INLINED
 
 Jacobian = tuple[float, ...]
 Pair = tuple[Floats, Floats]
-INLINED = {"forceinline": True, "error_model": "numpy"}
 
 
 def along(jacobian: Jacobian, a: Vector) -> Pair:
