@@ -17,7 +17,8 @@ NOT_NEEDED = {
     "layouts: what the page writes, Python reads": "scene.formats",
     "of unpacking on a server": "serve.archive",
     "stated by the twin itself, since they are no choice": """capture.decoding.depth_file.MAX_SIDE
-        geometry.camera_geometry.ROUNDING prior.bundle.reprojection.CAMERA_UNKNOWNS prior.bundle.reprojection.COLUMNS""",
+        geometry.camera_geometry.ROUNDING
+        prior.bundle.reprojection.CAMERA_UNKNOWNS prior.bundle.reprojection.COLUMNS""",
     "of how Python or OpenCV computes: caches, threads, tables, memory": """capture.last_numbers
         capture.undistortion.MAP_PIXEL capture.undistortion.MAX_KEPT capture.undistortion.MAX_REMAPPED_SIDE
         geometry.lens.KEPT_LENSES geometry.lens.MAX_FISHEYE_ANGLE geometry.lens._ANGLES geometry.lens._DIRECTIONS

@@ -10,7 +10,7 @@ from numba.extending import overload
 
 from pocketgs.splat.constants import ARCTANGENT
 from pocketgs.splat.cpu.lanes import FLOATS, Floats, broadcast, magnitude, select, square_root
-from pocketgs.splat.cpu.lenses.jacobians import INLINED
+from pocketgs.system.compile import INLINED
 
 _ATAN = tuple(map(np.float32, ARCTANGENT))
 _RIGHT, _STRAIGHT = np.float32(math.pi / 2), np.float32(math.pi)
