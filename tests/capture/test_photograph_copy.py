@@ -36,11 +36,11 @@ def test_photographs_without_poses_are_placed_upright(tmp_path):
         Image.fromarray(PICTURE).save(source / name, quality=95, exif=on_its_side(orientation))
     pytest.importorskip("pillow_heif").register_heif_opener()
     Image.fromarray(PICTURE).save(source / "d.heic")
-    Image.fromarray(PICTURE).save(source / "a.heic")  # iPhones can keep both
+    Image.fromarray(PICTURE).save(source / "A.heic")  # "A.jpg" would be another photograph's name where case is ignored
     assert lacks_poses(source)
     place_all(source, placed)
     sizes = {file.name: read_header(file) for file in placed.iterdir()}
-    assert set(sizes) == {"a.jpg", "a.heic.jpg", "b.jpg", "c.JPG", "d.jpg"}
+    assert set(sizes) == {"a.jpg", "A.heic.jpg", "b.jpg", "c.JPG", "d.jpg"}
     assert (sizes["b.jpg"].width, sizes["b.jpg"].height) == (48, 64)
     assert all(header.orientation == 1 for header in sizes.values())
     exif = Image.open(placed / "b.jpg").getexif()

@@ -35,13 +35,29 @@ def test_originals_are_never_written_to(tmp_path: Path) -> None:
     source.mkdir()
     for stem in ("a", "b"):
         write_heic(source / f"{stem}.HEIC")
-        for name in (f"{stem}.HEIC.jpg", f"{stem}.JPG"):  # such as a user's own conversions
+        for name in (f"{stem.upper()}.HEIC.jpg", f"{stem.upper()}.JPG"):
             Image.fromarray(PICTURE).save(source / name)
     before = {path.name: path.read_bytes() for path in source.iterdir()}
     copies = gathered(source, tmp_path)
     assert {path.name: path.read_bytes() for path in source.iterdir()} == before
-    assert sorted(copies) == ["a.HEIC.jpg", "a.JPG", "a_2.jpg", "b.HEIC.jpg", "b.JPG", "b_2.jpg"]
+    assert sorted(copies) == ["A.HEIC.jpg", "A.JPG", "B.HEIC.jpg", "B.JPG", "a_2.jpg", "b_2.jpg"]
     assert Image.open(copies["a_2.jpg"]).size == (400, 300)
+
+
+def test_other_formats_of_photographs_are_left_out(tmp_path: Path) -> None:
+    """They would be views of their own: some were held out, and their twins trained on."""
+    source, warnings = tmp_path / "photographs", list[str]()
+    source.mkdir()
+    for number in range(3):
+        write_heic(source / f"{number}.HEIC")
+        for name in (f"{number}.jpg", f"{number}.HEIC.png"):
+            Image.fromarray(PICTURE).save(source / name)
+    for name in ("3.jpg", "3.jpeg", "4.webp"):  # two photographs of one format, and one in another
+        Image.fromarray(PICTURE).save(source / name)
+    gather(source, tmp_path / "images", PoseOptions(), 2, lambda done, of: None, warnings.append)
+    assert len(list((tmp_path / "images").iterdir())) == 6
+    said = "6 images are other formats of the same photographs and left out, such as 0.HEIC.png"
+    assert warnings == [said]
 
 
 def test_alpha_is_kept(tmp_path: Path) -> None:

@@ -8,9 +8,12 @@ from pathlib import Path
 
 from pocketgs.capture.decoding.video_file import VIDEO_SUFFIXES, VideoFrame
 from pocketgs.files.opening import CaptureFile
-from pocketgs.files.paths import is_folder_of_photographs, list_images
+from pocketgs.files.paths import IMAGE_SUFFIXES, is_folder_of_photographs, list_images
 
 USUAL_FOLDER = "images"
+FORMATS = (".heic .heif", ".jpg .jpeg .jpe .jfif .mpo", ".tif .tiff", ".png")
+"""Suffixes of formats, those that cameras write first. Others come after them."""
+
 POSED_RECORD = "posed.json"
 """Name of the record of how this package has found a capture's poses, in the capture's folder."""
 
@@ -38,8 +41,28 @@ def _in_usual_places(folder: Path) -> list[Path]:
 
 
 def find_photographs_in(folder: Path) -> list[Path]:
-    """The photographs directly in a folder, sorted by name; empty if there is no such folder."""
-    return list_images(folder) if folder.is_dir() else []
+    """The photographs directly in a folder, sorted by name; empty if there is no such folder.
+
+    Of photographs in several formats, such as an iPhone's .HEIC and the .jpg that was made of it, only the camera's
+    counts: the others would be views of their own, and some of them held out.
+    """
+    images = list_images(folder) if folder.is_dir() else []
+    best: dict[str, int] = {}
+    for image in images:
+        best[_name(image)] = min(_format(image), best.get(_name(image), len(FORMATS)))
+    return [image for image in images if _format(image) == best[_name(image)]]
+
+
+def _name(image: Path) -> str:
+    """The name of an image in whatever format: `1` of 1.HEIC, 1.jpg, and 1.HEIC.jpg."""
+    stem = Path(image.stem)
+    return stem.stem if stem.suffix.lower() in IMAGE_SUFFIXES else stem.name
+
+
+def _format(image: Path) -> int:
+    """The place of an image's format in `FORMATS`."""
+    suffix = image.suffix.lower()
+    return next((place for place, suffixes in enumerate(FORMATS) if suffix in suffixes.split()), len(FORMATS))
 
 
 def photographs_by_folder(folder: Path) -> dict[Path, list[Path]]:

@@ -8,7 +8,7 @@ from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
-from aiohttp import ClientSession, web
+from aiohttp import ClientSession, ClientTimeout, web
 
 from pocketgs.errors import PocketGSError
 from pocketgs.results.folder import RECORD, SCENE
@@ -25,6 +25,9 @@ from pocketgs.viewer.scene_content import scene_content
 SHOWN_AT_ONCE = 8
 SECONDS_BETWEEN_LOOKS = 0.1
 """Seconds between two checks whether a run that has closed its page has ended."""
+
+WITHOUT_END = ClientTimeout(total=None, sock_connect=10.0)
+"""However long it takes: a phone far from its router receives a scene at its own pace."""
 
 
 class Pages:
@@ -51,7 +54,7 @@ class Pages:
 
     async def open(self) -> None:
         """Prepare for asking runs' pages; call it on the event loop."""
-        self._client = ClientSession()
+        self._client = ClientSession(timeout=WITHOUT_END)
 
     async def close(self) -> None:
         """Close what `open` has opened."""

@@ -15,7 +15,7 @@ from pocketgs.capture.photograph_copy import names_of_copies, place_masks, place
 from pocketgs.capture.unposed import find_photographs, is_video
 from pocketgs.capture.unrecognised import what_is_there
 from pocketgs.errors import PocketGSError, counted
-from pocketgs.files.paths import IMAGE_SUFFIXES, relative_name
+from pocketgs.files.paths import IMAGE_SUFFIXES, list_images, relative_name
 from pocketgs.structure_from_motion.folder import MASKS
 from pocketgs.structure_from_motion.options import PoseOptions
 from pocketgs.structure_from_motion.work import Count, each
@@ -84,7 +84,8 @@ def gather(
         options: the maximum number of frames of a video, and which masks to use.
         threads: number of threads.
         on_count: called with the number of images done.
-        on_warning: called if masks that nobody named cannot be decoded, or a video ends early.
+        on_warning: called if masks that nobody named cannot be decoded, a video ends early, or images are left out
+            that are other formats of photographs.
 
     Returns:
         Names of the photographs that are left out because they cannot be decoded. Those that are copied without being
@@ -94,6 +95,9 @@ def gather(
         PocketGSError: a mask that was named cannot be decoded, or there are too few images.
     """
     files = source_files(source)
+    if not is_video(source) and (others := sorted({*list_images(files[0].parent)} - {*files})):
+        formats = counted(len(others), "image is another format", "images are other formats")
+        on_warning(f"{formats} of the same photographs and left out, such as {others[0].name}")
     folder.mkdir()
     if is_video(source):
         _extract(source, folder, options.most_frames, on_count, on_warning)

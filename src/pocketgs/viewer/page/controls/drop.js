@@ -13,6 +13,7 @@ import { listenForDrops } from "./dropping.js";
  * @param {(file: File) => void} onFile
  */
 export function listenForFiles(onFile) {
+    // Any file can be chosen: iPhones have no type for .pgs or .spz, and would not offer such files.
     const input = element("file");
     const takeFirst = (files) => files?.length && onFile(files[0]);
     listenForDrops((transfer) => takeFirst(transfer?.files));
