@@ -11,7 +11,7 @@ from pocketgs.files.opening import CaptureFile
 from pocketgs.files.paths import IMAGE_SUFFIXES, is_folder_of_photographs, list_images
 
 USUAL_FOLDER = "images"
-FORMATS = (".heic .heif", ".jpg .jpeg .jpe .jfif .mpo", ".tif .tiff", ".png")
+FORMATS = ((".heic", ".heif"), (".jpg", ".jpeg", ".jpe", ".jfif", ".mpo"), (".tif", ".tiff"), (".png",))
 """Suffixes of formats, those that cameras write first. Others come after them."""
 
 POSED_RECORD = "posed.json"
@@ -62,7 +62,7 @@ def _name(image: Path) -> str:
 def _format(image: Path) -> int:
     """The place of an image's format in `FORMATS`."""
     suffix = image.suffix.lower()
-    return next((place for place, suffixes in enumerate(FORMATS) if suffix in suffixes.split()), len(FORMATS))
+    return next((place for place, suffixes in enumerate(FORMATS) if suffix in suffixes), len(FORMATS))
 
 
 def photographs_by_folder(folder: Path) -> dict[Path, list[Path]]:
