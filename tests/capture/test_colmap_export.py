@@ -55,6 +55,7 @@ def split_of(capture: Capture, left_out: set[int], every: int = 8) -> Capture:
         (set(), None),
         ({1, 9, 17}, None),
         ({1, 2, 3, 4}, "3 views are held out, more than every 8th of 16 images: hold out all from 15_16.png on"),
+        ({0, 8, 16}, "0 views are held out, fewer than every 8th of 17 images: hold out none from 00_01.png on"),
         ({8, 16}, "1 view is held out, fewer than every 8th of 18 images: hold out none from 08_09.png on"),
     ],
 )

@@ -68,14 +68,15 @@ def test_looks_at_tells_inwards_from_outwards() -> None:
     np.testing.assert_allclose(focus_point(outwards), TARGET, atol=1e-9)
 
 
+@pytest.mark.parametrize("place", [TARGET, np.zeros(3)])
 @pytest.mark.parametrize("seed", range(10))
-def test_cameras_in_one_place_look_at_nothing_in_common(seed: int) -> None:
+def test_cameras_in_one_place_look_at_nothing_in_common(place: np.ndarray, seed: int) -> None:
     """Their axes meet where they stand, and rounding decides on which side of each."""
     rng = np.random.default_rng(seed)
-    cameras = [camera_at(TARGET, TARGET + rng.normal(size=3) * (1, 1, 0.1)) for _ in range(9)]
+    cameras = [camera_at(place, place + rng.normal(size=3) * (1, 1, 0.1)) for _ in range(9)]
     assert not looks_at(cameras, focus_point(cameras))
     target = np.array(looked_at([View(str(i), camera, False) for i, camera in enumerate(cameras)])[1])
-    assert np.linalg.norm(target - TARGET) == pytest.approx(1.0)
+    assert np.linalg.norm(target - place) == pytest.approx(1.0)
 
 
 def test_upward() -> None:

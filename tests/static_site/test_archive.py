@@ -57,6 +57,12 @@ def test_with_bytes_in_front(call: Call) -> None:
     assert read(call, b"MZ" + bytes(999) + zip_of(CONTENTS)) == CONTENTS
 
 
+def test_with_bytes_before_the_end(call: Call) -> None:
+    """As `zip` writes a record of 64 bits that nobody needs."""
+    archive = zip_of(CONTENTS)
+    assert read(call, archive[:-22] + bytes(76) + archive[-22:]) == CONTENTS
+
+
 def test_with_the_backslashes_of_old_tools(call: Call) -> None:
     archive = zip_of({"a\\": b"", "a\\transforms.json": b"{}", "a\\images\\b.png": b"b"})
     assert read(call, archive) == {"a/transforms.json": b"{}", "a/images/b.png": b"b"}

@@ -92,7 +92,7 @@ def _other_split(frames: list[Frame], names: list[str], held_out: set[str], ever
         held_out: names of the frames that the capture holds out.
         every: n.
     """
-    if not (every and held_out):
+    if not every:
         return None
     differing = (at for at, frame in enumerate(frames) if (frame.name in held_out) != (at % every == 0))
     first = next(differing, None)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 FAR = 1000.0
 """Cameras are far if their distance exceeds this many times their extent: the resolution is then a tenth of a pixel."""
 
-MOST = 0.8
+EXTENT_SHARE = 0.8
 """The extent is that of this share of the cameras: a few lost poses, often at zero, must not make it the distance."""
 
 ONE_POINT = 1e-14
@@ -61,7 +61,7 @@ def middle_if_far(centres: np.ndarray, metric: bool) -> Origin | None:
         metric: whether lengths are metres.
     """
     middle = np.median(centres, axis=0)
-    spread = float(np.quantile(np.abs(centres - middle).max(axis=1), MOST, method="lower"))
+    spread = float(np.quantile(np.abs(centres - middle).max(axis=1), EXTENT_SHARE, method="lower"))
     extent = max(spread, METRIC_EXTENT if metric else 0.0)
     distance = float(np.abs(middle).max())
     if distance <= FAR * extent or extent <= ONE_POINT * distance:

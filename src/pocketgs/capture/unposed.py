@@ -7,11 +7,12 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from pocketgs.capture.decoding.video_file import VIDEO_SUFFIXES, VideoFrame
+from pocketgs.errors import counted
 from pocketgs.files.opening import CaptureFile
 from pocketgs.files.paths import IMAGE_SUFFIXES, is_folder_of_photographs, list_images
 
 USUAL_FOLDER = "images"
-FORMATS = ((".heic", ".heif"), (".jpg", ".jpeg", ".jpe", ".jfif", ".mpo"), (".tif", ".tiff"), (".png",))
+FORMATS = ((".heic", ".heif"), (".jpg", ".jpeg", ".jpe", ".jfif"), (".mpo",), (".tif", ".tiff"), (".png",))
 """Suffixes of formats, those that cameras write first. Others come after them."""
 
 POSED_RECORD = "posed.json"
@@ -47,10 +48,21 @@ def find_photographs_in(folder: Path) -> list[Path]:
     counts: the others would be views of their own, and some of them held out.
     """
     images = list_images(folder) if folder.is_dir() else []
-    best: dict[str, int] = {}
+    best: dict[str, tuple[int, str]] = {}
     for image in images:
-        best[_name(image)] = min(_format(image), best.get(_name(image), len(FORMATS)))
-    return [image for image in images if _format(image) == best[_name(image)]]
+        if image.stat().st_size:  # clouds leave empty files where they have not transferred any
+            best[_name(image)] = min(_format(image), best.get(_name(image), _format(image)))
+    return [image for image in images if _format(image) == best.get(_name(image), _format(image))]
+
+
+def left_out_formats(photographs: Iterable[Path]) -> list[str]:
+    """A warning, if `find_photographs_in` has passed over images beside the photographs that it found."""
+    used = {*photographs}
+    others = sorted({image for folder in {path.parent for path in used} for image in list_images(folder)} - used)
+    if not others:
+        return []
+    formats = counted(len(others), "image is another format", "images are other formats")
+    return [f"{formats} of the same photographs and left out, such as {others[0].name}"]
 
 
 def _name(image: Path) -> str:
@@ -59,10 +71,11 @@ def _name(image: Path) -> str:
     return stem.stem if stem.suffix.lower() in IMAGE_SUFFIXES else stem.name
 
 
-def _format(image: Path) -> int:
-    """The place of an image's format in `FORMATS`."""
+def _format(image: Path) -> tuple[int, str]:
+    """An image's format: its place in `FORMATS`, and the suffix of those that have none there."""
     suffix = image.suffix.lower()
-    return next((place for place, suffixes in enumerate(FORMATS) if suffix in suffixes), len(FORMATS))
+    known = (place for place, suffixes in enumerate(FORMATS) if suffix in suffixes)
+    return next(((place, "") for place in known), (len(FORMATS), suffix))
 
 
 def photographs_by_folder(folder: Path) -> dict[Path, list[Path]]:
@@ -134,7 +147,8 @@ def few_posed(
     if (capture / POSED_RECORD).is_file():
         return ()
     posed = {file for file in files if isinstance(file, Path)}
-    present = len({image for folder in {file.parent for file in posed} for image in list_images(folder)} - {*masks})
+    folders = {file.parent for file in posed}
+    present = len({image for folder in folders for image in find_photographs_in(folder)} - {*masks})
     if 2 * len(posed) >= present:
         return ()
     return (f"only {len(posed)} of {present} images have a pose in {where}: let pocketgs pose find all anew",)

@@ -89,7 +89,11 @@ def make_writable(folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise PocketGSError(f"{folder}: cannot be made ({error.strerror or error})") from error
-    check_writable(folder / "trial")
+    trial = folder / "trial"
+    try:
+        check_writable(trial)
+    except PocketGSError as error:
+        raise PocketGSError(str(error).replace(str(trial), str(folder))) from error
 
 
 def check_replaceable(output: Path, kind: Kind, inputs: Iterable[Path]) -> None:

@@ -74,14 +74,14 @@ def run_of(scene: Path, poses_of: Path | None) -> Path:
 
 
 def checked_result(named: Path) -> Path:
-    """A result folder, or a file in one, as the user named it.
+    """The result folder that the user named, or a file of.
 
     Raises:
         PocketGSError: it is none, or holds no cameras of a run.
     """
     if not (named.exists() and holds_cameras(folder_of(named) / CAMERAS)):
-        raise PocketGSError(f"{named}: expected a result folder")
-    return named
+        raise PocketGSError(f"{named}: expected a result folder, with {CAMERAS}")
+    return folder_of(named)
 
 
 def capture_of(scene: Path, capture: Path) -> Path:

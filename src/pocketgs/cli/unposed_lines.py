@@ -9,7 +9,7 @@ from pathlib import Path
 from pocketgs.capture.decoding.image_file import UndecodableImageError, read_image
 from pocketgs.capture.decoding.video_file import early_end, video_size
 from pocketgs.capture.open import capture_name
-from pocketgs.capture.unposed import find_photographs, is_video
+from pocketgs.capture.unposed import find_photographs, is_video, left_out_formats
 from pocketgs.errors import counted, listed
 from pocketgs.structure_from_motion.exif import Exif, read_exif
 
@@ -48,7 +48,9 @@ def _photograph_lines(path: Path) -> list[str]:
         f"sizes in pixels: {_by_number(sizes)}",
         f"EXIF: {_by_number(exif.camera or 'no camera' for exif in found)}; focal length in {lengths}, GPS in {places}",
     ]
-    return lines + ([f"warning: cannot be decoded: {listed(damaged, MAX_KINDS)}"] if damaged else [])
+    warnings = [*left_out_formats(photographs)]
+    warnings += [f"cannot be decoded: {listed(damaged, MAX_KINDS)}"] if damaged else []
+    return lines + [f"warning: {warning}" for warning in warnings]
 
 
 def _by_number(kinds: Iterable[str]) -> str:

@@ -44,7 +44,8 @@ def focus_point(cameras: Sequence[Camera]) -> np.ndarray:
 def spread_of(centres: np.ndarray) -> float:
     """Root mean square of the distances of (N, 3) places from their mean; 0 if it is within rounding."""
     spread = float(np.sqrt(centres.var(axis=0).sum()))
-    return spread if spread > _rounding(centres) else 0.0
+    rounding = max(ROUNDING * float(np.abs(centres).max()), ROUNDING**2)
+    return spread if spread > rounding else 0.0
 
 
 def looks_at(cameras: Sequence[Camera], point: np.ndarray) -> bool:
@@ -52,9 +53,10 @@ def looks_at(cameras: Sequence[Camera], point: np.ndarray) -> bool:
 
     It does not if they face outwards from it, or are in one place: their axes then meet in that place.
     """
-    centres = np.array([camera.centre for camera in cameras])
-    depths = np.einsum("ni,ni->n", [camera.forward for camera in cameras], point - centres)
-    return bool(2 * np.sum(depths > _rounding(centres)) > len(cameras))
+    if len(cameras) > 1 and spread_of(np.array([camera.centre for camera in cameras])) == 0:
+        return False
+    in_front = [camera.forward @ (point - camera.centre) > 0 for camera in cameras]
+    return 2 * sum(in_front) > len(in_front)
 
 
 def upward(cameras: Sequence[Camera]) -> np.ndarray:
@@ -67,8 +69,3 @@ def mean_direction(directions: np.ndarray) -> np.ndarray:
     mean = directions.mean(axis=0)
     length = float(np.linalg.norm(mean))
     return mean / length if length > 1e-9 else directions[0]
-
-
-def _rounding(centres: np.ndarray) -> float:
-    """The length within which places count as one."""
-    return max(ROUNDING * float(np.abs(centres).max()), ROUNDING**2)

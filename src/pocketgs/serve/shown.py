@@ -30,6 +30,7 @@ def shown_entry(shelf: Shelf, queue: Queue, entry: Entry, last_piece: float) -> 
         last_piece: when the last piece of its upload arrived, by the monotonic clock.
     """
     place = shelf.place(entry)
+    result = _result_of(place / RESULT)
     told: dict[str, Any] = {
         "id": entry.id,
         "title": entry.title,
@@ -41,8 +42,8 @@ def shown_entry(shelf: Shelf, queue: Queue, entry: Entry, last_piece: float) -> 
         "state": entry.state,
         "message": entry.message,
         "thumbnail": _time_of(place / THUMBNAIL),
-        "result": _result_of(place / RESULT),
-        "can_go_on": can_go_on(place / RESULT, entry.begun),
+        "result": result,
+        "can_go_on": (result is None or bool(result["interrupted"])) and can_go_on(place / RESULT, entry.begun),
     }
     if entry.state == "uploading":
         told["received"] = sum(shelf.received(entry))

@@ -23,7 +23,7 @@ from pocketgs.capture.frame_parts import ASPECT_TOLERANCE, PLANE_ASPECT_TOLERANC
 from pocketgs.capture.hold_out import FEWEST_TO_HOLD_OUT, HOLD_OUT_EVERY
 from pocketgs.capture.masks import FOLDERS
 from pocketgs.capture.named_images import DEEPEST
-from pocketgs.capture.origin import FAR, METRIC_EXTENT, MOST, ONE_POINT
+from pocketgs.capture.origin import EXTENT_SHARE, FAR, METRIC_EXTENT, ONE_POINT
 from pocketgs.capture.poses import (
     ARKIT_PIXEL_CENTRE,
     MAX_COORDINATE,
@@ -157,7 +157,7 @@ def _capture() -> dict[str, Any]:
         "max_intrinsic": MAX_INTRINSIC,
         "min_focal_length": MIN_FOCAL_LENGTH,
         "far": FAR,
-        "most": MOST,
+        "extent_share": EXTENT_SHARE,
         "one_point": ONE_POINT,
         "largest_fraction": LARGEST_FRACTION,
         "metric_extent": METRIC_EXTENT,

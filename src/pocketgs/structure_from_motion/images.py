@@ -12,10 +12,10 @@ from pocketgs.capture.decoding.image_file import ImageHeader, UndecodableImageEr
 from pocketgs.capture.decoding.video_file import read_frames, sharpest_frames
 from pocketgs.capture.masks import FOUND, NONE, find_masks
 from pocketgs.capture.photograph_copy import names_of_copies, place_masks, place_photograph
-from pocketgs.capture.unposed import find_photographs, is_video
+from pocketgs.capture.unposed import find_photographs, is_video, left_out_formats
 from pocketgs.capture.unrecognised import what_is_there
 from pocketgs.errors import PocketGSError, counted
-from pocketgs.files.paths import IMAGE_SUFFIXES, list_images, relative_name
+from pocketgs.files.paths import IMAGE_SUFFIXES, relative_name
 from pocketgs.structure_from_motion.folder import MASKS
 from pocketgs.structure_from_motion.options import PoseOptions
 from pocketgs.structure_from_motion.work import Count, each
@@ -95,13 +95,12 @@ def gather(
         PocketGSError: a mask that was named cannot be decoded, or there are too few images.
     """
     files = source_files(source)
-    if not is_video(source) and (others := sorted({*list_images(files[0].parent)} - {*files})):
-        formats = counted(len(others), "image is another format", "images are other formats")
-        on_warning(f"{formats} of the same photographs and left out, such as {others[0].name}")
     folder.mkdir()
     if is_video(source):
         _extract(source, folder, options.most_frames, on_count, on_warning)
         return []
+    for warning in left_out_formats(files):
+        on_warning(warning)
     names = names_of_copies(list(headers_of(files)))
     whole = each(list(names), lambda path: _is_placed(path, folder / names[path]), threads, on_count)
     placed = {path for path, is_whole in zip(names, whole, strict=True) if is_whole}

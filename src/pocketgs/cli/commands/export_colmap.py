@@ -38,7 +38,7 @@ def export_colmap(
         reading: Options for reading the capture; images are written as read.
     """
     if poses_of is not None:
-        checked_result(poses_of)
+        poses_of = checked_result(poses_of)
     with memory_bound(max_memory):
         opened = read_capture(capture if poses_of is None else capture_of(poses_of, capture), reading)
     if poses_of is not None:

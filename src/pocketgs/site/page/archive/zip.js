@@ -76,8 +76,9 @@ async function findDirectory(archive, refused) {
         if (found.count > MAX_FILES) {
             throw refused(`holds ${found.count} files: expected at most ${MAX_FILES}`);
         }
-        // Bytes in front, such as of a program that unpacks the archive, are not counted.
-        return { ...found, before: found === narrow ? start + at - bytes - offset : 0 };
+        // Bytes in front, such as of a program that unpacks the archive, may not be counted.
+        const isThere = found !== narrow || (await read(offset, 4)).getUint32(0, true) === ENTRY_MARK;
+        return { ...found, before: isThere ? 0 : start + at - bytes - offset };
     }
     throw refused("is no zip file, or cut short: it has no list of files at its end");
 }

@@ -12,6 +12,14 @@ const numberIn = (value) => (typeof value === "string" && value.trim() ? Number(
 /** Texts, and the numbers that only Python writes and reads: these become infinite, which nobody accepts. */
 const UNKNOWN = /"[^"\\]*(?:\\.[^"\\]*)*"|NaN|Infinity/g;
 
+function parsed(text) {
+    try {
+        return JSON.parse(text);
+    } catch {
+        return JSON.parse(text.replace(UNKNOWN, (word) => (word[0] === '"' ? word : "1e999")));
+    }
+}
+
 /** One object of a JSON file. */
 export class Fields {
     /**
@@ -32,7 +40,7 @@ export class Fields {
         const text = await file.text();
         let values;
         try {
-            values = JSON.parse(text.replace(UNKNOWN, (word) => (word[0] === '"' ? word : "1e999")));
+            values = parsed(text);
         } catch (error) {
             throw new Error(`${file.path}: not JSON (${error.message})`);
         }
@@ -134,7 +142,8 @@ export class Fields {
 
     #wrong(name, expected) {
         const value = this.values[name];
-        const found = value === undefined ? "nothing" : JSON.stringify(value)?.slice(0, 60);
+        const told = Math.abs(value) === Infinity ? "no finite number" : JSON.stringify(value)?.slice(0, 60);
+        const found = value === undefined ? "nothing" : told;
         return new Error(`${this.where}: field '${name}' is ${found}, expected ${expected}`);
     }
 }

@@ -182,16 +182,16 @@ async function readerOf(tree, bounds) {
 }
 
 /** Scenes have 24 bits a coordinate, too few far from the origin. */
-function requireNearOrigin({ frames, isMetric }, { far, most, one_point: onePoint, metric_extent: least }) {
+function requireNearOrigin({ frames, isMetric }, { far, extent_share: share, one_point: onePoint, metric_extent: least }) {
     const centres = frames.map(({ camera }) => centreOf(camera));
     const middle = [0, 1, 2].map((axis) => medianOf(centres.map((centre) => centre[axis])));
     const spreads = centres.map((centre) => Math.max(...centre.map((value, i) => Math.abs(value - middle[i]))));
-    const spread = spreads.sort((a, b) => a - b)[Math.floor(most * (spreads.length - 1))];
+    const spread = spreads.sort((a, b) => a - b)[Math.floor(share * (spreads.length - 1))];
     const extent = Math.max(spread, isMetric ? least : 0);
     const distance = Math.max(...middle.map(Math.abs));
     if (extent > onePoint * distance && distance > far * extent) {
         throw new Error(
-            `the cameras are ${Math.round(distance)} from the origin and ${extent.toPrecision(3)} from each other: ` +
+            `the cameras are ${Math.round(distance)} from the origin and ${extent.toPrecision(3)} between most of them: ` +
                 "expected coordinates near the origin; `pocketgs train` moves them",
         );
     }

@@ -37,14 +37,14 @@ export function spreadOf(points) {
     const mean = meanOf(points);
     const squares = points.map((one) => length(subtract(one, mean)) ** 2);
     const spread = Math.sqrt(squares.reduce((sum, square) => sum + square, 0) / squares.length);
-    return spread > rounding(points) ? spread : 0;
+    return spread > 1e-9 * Math.max(...points.flat().map(Math.abs), 1e-9) ? spread : 0;
 }
 
-/** Whether the point lies in front of more than half of the cameras, by more than rounding. */
+/** Whether the point lies in front of more than half of the cameras, which are not all in one place. */
 export function looksAt(cameras, point) {
-    const least = rounding(cameras.map(centreOf));
-    const inFront = cameras.filter((camera) => dot(forwardOf(camera), subtract(point, centreOf(camera))) > least);
-    return 2 * inFront.length > cameras.length;
+    const inFront = cameras.filter((camera) => dot(forwardOf(camera), subtract(point, centreOf(camera))) > 0);
+    const areApart = cameras.length === 1 || spreadOf(cameras.map(centreOf)) > 0;
+    return areApart && 2 * inFront.length > cameras.length;
 }
 
 /** The shortest solution of a symmetric system, without directions that it hardly determines. */
@@ -57,8 +57,6 @@ function leastSquares(matrix, right, least) {
         [0, 0, 0],
     );
 }
-
-const rounding = (points) => 1e-9 * Math.max(...points.flat().map(Math.abs), 1e-9);
 
 const withoutPart = (vector, direction) => add(vector, direction, -dot(vector, direction));
 
