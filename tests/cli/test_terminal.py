@@ -63,7 +63,6 @@ def test_whatever_is_printed_is_escaped(monkeypatch: pytest.MonkeyPatch) -> None
     assert "\x1b[?25l" in left, "its own commands to the terminal stay"
 
 
-@needs_any_name
 @pytest.mark.parametrize("columns", [30, 60, 100])
 def test_a_narrow_terminal_cuts_neither_names_nor_figures(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], columns: int
@@ -100,6 +99,7 @@ def test_a_dumb_terminal_gets_plain_lines(monkeypatch: pytest.MonkeyPatch, capsy
     assert STAGES["poses"] in capsys.readouterr().out
 
 
+@needs_any_name
 def test_names_in_errors_and_results(pocketgs: Callable[..., Outcome], result: Path, tmp_path: Path) -> None:
     folder = tmp_path / HOSTILE
     refused = pocketgs("info", folder / "none.ply")

@@ -198,20 +198,21 @@ def test_checkpoint_of_another_run(tmp_path: Path, checkpoint: Checkpoint, run: 
         read_checkpoint(tmp_path, run)
 
 
-def test_older_checkpoints_know_no_shape_of_seeds(tmp_path: Path, checkpoint: Checkpoint) -> None:
+@pytest.mark.parametrize(
+    ("key", "value", "other", "words"),
+    [
+        (SEEDS, "balls", "discs", "a run with seeds 'discs', but this one has 'balls'"),
+        (TRAINING_CAMERAS, "a", "b", "a run on other photographs, or on other poses"),
+    ],
+)
+def test_what_older_checkpoints_do_not_know(
+    tmp_path: Path, checkpoint: Checkpoint, key: str, value: str, other: str, words: str
+) -> None:
     write_checkpoint(tmp_path / CHECKPOINT, checkpoint, RUN)
-    assert read_checkpoint(tmp_path, {**RUN, SEEDS: "discs"}).iteration == checkpoint.iteration
-    write_checkpoint(tmp_path / CHECKPOINT, checkpoint, {**RUN, SEEDS: "discs"})
-    with pytest.raises(PocketGSError, match="belongs to a run with seeds 'discs', but this one has 'balls'"):
-        read_checkpoint(tmp_path, {**RUN, SEEDS: "balls"})
-
-
-def test_older_checkpoints_know_no_cameras(tmp_path: Path, checkpoint: Checkpoint) -> None:
-    write_checkpoint(tmp_path / CHECKPOINT, checkpoint, RUN)
-    assert read_checkpoint(tmp_path, {**RUN, TRAINING_CAMERAS: "a"}).iteration == checkpoint.iteration
-    write_checkpoint(tmp_path / CHECKPOINT, checkpoint, {**RUN, TRAINING_CAMERAS: "b"})
-    with pytest.raises(PocketGSError, match="belongs to a run on other photographs, or on other poses"):
-        read_checkpoint(tmp_path, {**RUN, TRAINING_CAMERAS: "a"})
+    assert read_checkpoint(tmp_path, {**RUN, key: value}).iteration == checkpoint.iteration
+    write_checkpoint(tmp_path / CHECKPOINT, checkpoint, {**RUN, key: other})
+    with pytest.raises(PocketGSError, match=f"belongs to {words}"):
+        read_checkpoint(tmp_path, {**RUN, key: value})
 
 
 @pytest.mark.parametrize("unit", [1.0, 1000.0])

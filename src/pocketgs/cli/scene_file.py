@@ -74,7 +74,7 @@ def run_of(scene: Path, poses_of: Path | None) -> Path:
 
 
 def checked_result(named: Path) -> Path:
-    """The result folder that the user named, or a file of.
+    """The result folder that the user named, by itself or by a file in it.
 
     Raises:
         PocketGSError: it is none, or holds no cameras of a run.

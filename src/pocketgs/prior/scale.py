@@ -52,7 +52,7 @@ def _axes_meet(cameras: Sequence[Camera]) -> bool:
     focus = focus_point(cameras)
     forwards = np.array([camera.forward for camera in cameras])
     smallest, _, largest = np.linalg.eigvalsh(np.eye(3) - forwards.T @ forwards / len(forwards))
-    return bool(smallest > MIN_CONVERGENCE * largest) and looks_at(cameras, focus) and not _in_one_place(cameras, False)
+    return bool(smallest > MIN_CONVERGENCE * largest) and looks_at(cameras, focus)
 
 
 def _median_depth(capture: Capture) -> float | None:
@@ -71,16 +71,11 @@ def _guess(cameras: Sequence[Camera], metric: bool) -> float:
     that is zero.
     """
     focus = focus_point(cameras)
-    in_one_place = _in_one_place(cameras, metric)
     centres = np.array([camera.centre for camera in cameras])
+    spread = spread_of(centres)
+    in_one_place = len(cameras) > 1 and spread <= (ONE_PLACE if metric else 0.0)
     if in_one_place and not metric:
         return 1.0
     if looks_at(cameras, focus) and not in_one_place:
         return float(np.median(np.linalg.norm(centres - focus, axis=1)))
-    return METRIC_DISTANCE if metric else GUESSED_DISTANCE * spread_of(centres)
-
-
-def _in_one_place(cameras: Sequence[Camera], metric: bool) -> bool:
-    """Whether several cameras are in one place."""
-    centres = np.array([camera.centre for camera in cameras])
-    return len(cameras) > 1 and spread_of(centres) <= (ONE_PLACE if metric else 0.0)
+    return METRIC_DISTANCE if metric else GUESSED_DISTANCE * spread

@@ -43,6 +43,9 @@ TRAINING_CAMERAS = "training cameras"
 INTRINSICS = "intrinsics"
 """Key of the digest of the training views' focal lengths, principal points and lenses."""
 
+LATER = frozenset({SEEDS, TRAINING_CAMERAS, INTRINSICS})
+"""Keys that older checkpoints lack: what they do not tell is taken to be the same."""
+
 STATISTICS = tuple(field.name for field in fields(Statistics))
 
 SECONDS_BETWEEN_CHECKPOINTS = 60.0
@@ -159,7 +162,6 @@ def read_checkpoint(folder: Path, run: dict[str, Any]) -> Checkpoint:
             written = dict(json.loads(str(data["run"])))
             gaussians = Gaussians(*(data[name] for name in PARAMETERS))
             written[SH_DEGREE] = gaussians.sh_degree  # older checkpoints have none where the recipe decided
-            written.setdefault(SEEDS, run.get(SEEDS))  # older checkpoints have none
             near = float(data["near"]) if "near" in data else None
             colours = data.get("colours")
             state = OptimiserState(data["first_moments"], data["second_moments"], int(data["steps"]), near, colours)
@@ -189,11 +191,12 @@ def _require_same_run(path: Path, written: dict[str, Any], run: dict[str, Any]) 
     Raises:
         PocketGSError: something in `run` is not as it was written.
     """
-    differing = {key: value for key, value in run.items() if written.get(key) != value}
+    told = (key for key in run if key in written or key not in LATER)
+    differing = {key: run[key] for key in told if written.get(key) != run[key]}
     others = {key for key in (TRAINING_CAMERAS, INTRINSICS) if differing.pop(key, None)}
     for key, value in differing.items():
         raise PocketGSError(f"{path}: belongs to a run with {key} {written.get(key)!r}, but this one has {value!r}")
-    if not others.isdisjoint(written):  # older checkpoints have none
+    if others:
         what = "other photographs, or on other poses or another order of these"
         raise PocketGSError(
             f"{path}: belongs to a run on {what if TRAINING_CAMERAS in others else 'other focal lengths or lenses'}; "

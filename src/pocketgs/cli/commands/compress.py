@@ -80,7 +80,7 @@ def compress(
         original = drawable(without_broken(scene, load_scene(scene)))
         size = (scene / SCENE if scene.is_dir() else scene).stat().st_size
         renderer = create_engine(engine)
-        views = _views(run, original, capture, renderer, reading)
+        views = _views(scene, run, original, capture, renderer, reading)
         check_comparable([*views.judges, *views.reported])
         with Display(console).showing() as shown:
             shown.on_stage("compressing")
@@ -137,7 +137,9 @@ def _is_of_result(scene: Path, output: Path) -> bool:
     return is_place and SCENE in read_manifest(folder).files
 
 
-def _views(run: Path, original: Gaussians, capture: Path | None, engine: Engine, reading: CaptureOptions) -> Views:
+def _views(
+    scene: Path, run: Path, original: Gaussians, capture: Path | None, engine: Engine, reading: CaptureOptions
+) -> Views:
     """The views to fine-tune, judge and report on; `run` tells how the scene was trained, see `run_of`.
 
     Raises:
@@ -146,9 +148,9 @@ def _views(run: Path, original: Gaussians, capture: Path | None, engine: Engine,
     """
     if capture is not None:
         opened = as_trained_on(run, read_for(run, capture, reading))
-        require_memory(run, memory_needed(original, [frame.camera for frame in opened.train], engine), "compression")
+        require_memory(scene, memory_needed(original, [frame.camera for frame in opened.train], engine), "compression")
         return photographed(opened)
     background = reading.background or own_background(run)
     chosen = own_cameras(run, original)
-    require_memory(run, memory_needed(original, chosen.values(), engine), "compression")
+    require_memory(scene, memory_needed(original, chosen.values(), engine), "compression")
     return rendered(original, chosen, engine, background)

@@ -31,14 +31,14 @@ export function scaleOf({ train, cloud, isMetric }, settings) {
 }
 
 /** Whether the optical axes determine a point that the cameras look at; lengths are not metres. */
-function axesMeet(cameras, { volume, prior: { scale } }) {
+function axesMeet(cameras, { volume }) {
     const forwards = cameras.map(forwardOf);
     const across = [0, 1, 2].map((i) =>
         [0, 1, 2].map((j) => forwards.reduce((sum, f) => sum + (i === j) - f[i] * f[j], 0) / forwards.length),
     );
     const [smallest, , largest] = eigenvectors(across).map((v) => dot(v, across.map((row) => dot(row, v))));
     const converge = smallest > volume.min_convergence * largest;
-    return converge && looksAt(cameras, focusPoint(cameras, volume)) && !areInOnePlace(cameras, false, scale);
+    return converge && looksAt(cameras, focusPoint(cameras, volume));
 }
 
 /** Of the capture's own points that the training photographs see; null if they see none. */
@@ -58,17 +58,13 @@ function medianDepth(train, cloud, settings) {
 function guess(cameras, isMetric, { volume, prior: { scale } }) {
     const centres = cameras.map(centreOf);
     const focus = focusPoint(cameras, volume);
-    const inOnePlace = areInOnePlace(cameras, isMetric, scale);
+    const spread = spreadOf(centres);
+    const inOnePlace = cameras.length > 1 && spread <= (isMetric ? scale.one_place : 0);
     if (looksAt(cameras, focus) && !inOnePlace) {
         return medianOf(centres.map((centre) => length(subtract(centre, focus))));
     }
     if (isMetric) {
         return scale.metric_distance;
     }
-    return inOnePlace ? 1 : volume.guessed_distance * spreadOf(centres);
-}
-
-/** Whether there are several cameras, in one place. */
-function areInOnePlace(cameras, isMetric, { one_place: place }) {
-    return cameras.length > 1 && spreadOf(cameras.map(centreOf)) <= (isMetric ? place : 0);
+    return inOnePlace ? 1 : volume.guessed_distance * spread;
 }
